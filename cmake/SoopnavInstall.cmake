@@ -1,7 +1,5 @@
-# Install rules and the package files that find_package(soopnav) reads. A wheel carries only the extension.
-if(SKBUILD)
-  return()
-endif()
+# Install rules and the package files that find_package(soopnav) reads. A wheel takes only the component "python",
+# which is the extension.
 include(CMakePackageConfigHelpers)
 get_property(soopnav_modules GLOBAL PROPERTY SOOPNAV_MODULES)
 set(soopnav_targets ${soopnav_modules})

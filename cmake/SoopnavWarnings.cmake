@@ -14,6 +14,9 @@ if(PROJECT_IS_TOP_LEVEL)
     # Resolvers of multi-versioned functions run before a sanitizer's runtime is up.
     target_compile_definitions(soopnav_build_flags INTERFACE SOOPNAV_NO_TARGET_CLONES)
   endif()
+  if(SOOPNAV_BUILD_FUZZ)
+    target_compile_options(soopnav_build_flags INTERFACE -fsanitize=fuzzer-no-link)
+  endif()
 endif()
 # The widest vectors chosen at run time must not change a result: no contraction to fused multiply-adds.
 target_compile_options(soopnav_build_flags INTERFACE -ffp-contract=off)

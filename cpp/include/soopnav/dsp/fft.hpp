@@ -14,9 +14,14 @@ enum class FftDirection {
 
 /// A plan for complex single-precision transforms of one size.
 ///
-/// Planning takes a lock and may be done from any thread; it allocates. `execute` is const, takes no lock with FFTW,
-/// allocates nothing, and one plan may be executed from several threads at once. Neither direction scales:
-/// forward then inverse multiplies by `size`.
+/// Planning takes a lock and may be done from any thread; it allocates. `execute` is const, and one plan may be
+/// executed from several threads at once: out of place they run side by side (four of them with Eigen, where a fifth
+/// waits), in place they share a scratch buffer and take turns with FFTW. Neither direction scales: forward then
+/// inverse multiplies by `size`.
+///
+/// `execute` allocates nothing, except that FFTW makes itself buffers for sizes above 2^18 and for those with a prime
+/// factor above 13: take sizes from `fast_fft_size`. Results may differ in the last bits between pointers on a 16-byte
+/// boundary and others (another order of additions), never between runs on one machine with the same alignment.
 class Fft {
  public:
   /// Plans transforms of `size` >= 1 points.
@@ -29,7 +34,7 @@ class Fft {
   Fft& operator=(const Fft&) = delete;
 
   /// Transforms `size` samples from `in` to `out`; the same pointer is allowed (in place), overlapping ranges are not.
-  /// Any alignment; `in` is left as it was unless it is `out`.
+  /// Any alignment of whole samples; `in` is left as it was unless it is `out`.
   void execute(const Cf32* in, Cf32* out) const;
 
   [[nodiscard]] int size() const noexcept;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -17,10 +18,11 @@ struct Path {
 /// Times of arrival of one cell, a value per radio frame.
 struct TimeOfArrival {
   std::vector<double> toa_s;      ///< first path: start of frame i minus i * 10 ms, from the capture's first sample
-  std::vector<double> sigma_s;    ///< standard deviation of each
+  std::vector<double> sigma_s;    ///< standard deviation of each; what the frames share (the first path's place) included
+  std::vector<int> frame_index;   ///< frames after the one that starts at Detection::frame_start_s
   double cfo_hz = 0.0;            ///< carrier offset, refined over the capture
   double clock_error_ppm = 0.0;   ///< from the slope of the frames' delays, sign as in Detection
-  double snr_db = 0.0;            ///< per CRS resource element of port 0
+  double snr_db = 0.0;            ///< per CRS resource element, mean over ports
   double noise_variance = 0.0;    ///< of one resource element, in squared sample units of a unitary transform
   std::vector<Path> paths;        ///< first path first
   std::vector<float> impulse_response;  ///< magnitude over delay, all ports; spacing and origin below
@@ -32,7 +34,6 @@ enum class ToaStatus {
   kOk,
   kTooShort,      ///< not one whole subframe with reference signals
   kNonFinite,
-  kNoBandwidth,   ///< never with six resource blocks assumed; reserved for callers that demand n_rb
   kLost,          ///< the cell's reference signals are not in these samples
 };
 
@@ -47,6 +48,36 @@ class ToaEstimator {
 
   /// Times of arrival over the whole capture. Uses as much of the cell's bandwidth as the sample rate holds.
   [[nodiscard]] ToaStatus estimate(IqSpan iq, const Detection& cell, TimeOfArrival& out);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Delay of one subframe.
+struct SubframeToa {
+  double toa_s = 0.0;           ///< start of the subframe (cyclic prefix included), from the span's first sample
+  double sigma_s = 0.0;         ///< from the noise seen between the subframe's two slots
+  double snr_db = 0.0;          ///< per CRS resource element, mean over ports
+  double noise_variance = 0.0;  ///< of one resource element
+};
+
+/// Channel and maximum-likelihood delay from one subframe at a time, for receivers that run along with the samples.
+///
+/// All ports and both shifts of the comb (elements every 45 kHz: unambiguous over 22.2 us), phase free per port, one
+/// path. `estimate` allocates nothing after its first call.
+class SubframeToaEstimator {
+ public:
+  /// `cell` gives identity, cyclic prefix, duplex mode, bandwidth and ports (six blocks and one port when unknown).
+  /// @throws std::invalid_argument when `sample_rate_hz` is not a multiple of 1.92e6 in 1.92e6 ... 100e6.
+  SubframeToaEstimator(double sample_rate_hz, const Detection& cell);
+  ~SubframeToaEstimator();
+  SubframeToaEstimator(SubframeToaEstimator&&) noexcept;
+  SubframeToaEstimator& operator=(SubframeToaEstimator&&) noexcept;
+
+  /// `iq` holds the subframe; it begins near `start_s` (within +-2 us) after the span's first sample. nullopt when the
+  /// span is too short, not finite or silent.
+  [[nodiscard]] std::optional<SubframeToa> estimate(IqSpan iq, int subframe, double start_s, double cfo_hz);
 
  private:
   struct Impl;

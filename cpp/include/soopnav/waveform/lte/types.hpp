@@ -71,7 +71,7 @@ struct Detection {
   double cfo_sigma_hz = 0.0;
   double clock_error_ppm = 0.0;
   double clock_error_sigma_ppm = 0.0;
-  double snr_db = 0.0;                    ///< per CRS resource element of port 0, over the central six resource blocks
+  double snr_db = 0.0;                    ///< per CRS resource element, mean over ports, central six resource blocks
   double crs_statistic = 0.0;             ///< evidence of the confirming CRS test, in units of its noise mean
 };
 

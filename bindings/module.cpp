@@ -1,0 +1,21 @@
+#include <pybind11/pybind11.h>
+
+#include "register.hpp"
+
+namespace py = pybind11;
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which document it.";
+  auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
+  auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
+  auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
+  auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
+  auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
+  auto navigation = m.def_submodule("navigation", "Positions from observations.");
+  soopnav::python::register_dsp(dsp);
+  soopnav::python::register_estimation(estimation);
+  soopnav::python::register_geometry(geometry);
+  soopnav::python::register_lte(lte);
+  soopnav::python::register_simulation(simulation);
+  soopnav::python::register_navigation(navigation);
+}

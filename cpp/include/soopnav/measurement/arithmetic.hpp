@@ -1,0 +1,24 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <type_traits>
+
+namespace soopnav {
+
+/// The value of an expression: numbers as they are, Eigen expressions (the packets of a particle cloud) computed.
+///
+/// Models name their intermediate results with `const auto`; without this an Eigen expression would be computed again
+/// at each use, or outlive what it points to.
+template <class T>
+[[nodiscard]] auto eval(const T& value) {
+  if constexpr (std::is_arithmetic_v<T>) {
+    return value;
+  } else {
+    return value.eval();
+  }
+}
+
+/// Nearer to the source than this a direction is undefined [m].
+inline constexpr double kMinRangeM = 1e-6;
+
+}  // namespace soopnav

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "soopnav/waveform/lte/types.hpp"
+#include "waveform/lte/demodulator.hpp"
+#include "waveform/lte/pss_correlator.hpp"
+
+namespace soopnav::lte {
+
+/// A cell that its reference signals have confirmed, times in samples of 1.92 Msps.
+struct ConfirmedCell {
+  int cell_id = 0;
+  CyclicPrefix cp = CyclicPrefix::kNormal;
+  Duplex duplex = Duplex::kFdd;
+  double frame_start = 0.0;  ///< of some frame, within a frame of the capture's first sample
+  double cfo_hz = 0.0;
+  double drift = 0.0;
+  double evidence = 0.0;     ///< CRS statistic, 1 in noise
+};
+
+/// From a PSS candidate to confirmed cells: fine timing and frequency, SSS with cyclic prefix and duplex mode jointly,
+/// and the test on the cell-specific reference signals of the central six resource blocks.
+class CellTest {
+ public:
+  CellTest();
+
+  /// Tests `candidate`; cells that pass are appended to `out`, unless `known(cell_id)` says they were found before.
+  /// Several cells may share a PSS position.
+  template <class Known>
+  void examine(IqSpan iq, const PssCandidate& candidate, const Known& known, std::vector<ConfirmedCell>& out) {
+    refine(iq, candidate);
+    rank(iq);
+    for (const Hypothesis& h : hypotheses_) {
+      if (h.z <= 0.0F || known(h.cell_id)) continue;
+      ConfirmedCell cell;
+      if (confirm(iq, h, cell)) out.push_back(cell);
+    }
+  }
+
+  /// Evidence below which a cell is not believed. Noise alone exceeds it about once in 1e6 tests.
+  static constexpr double kEvidence = 27.0;
+
+ private:
+  static constexpr int kMaxHalfFrames = 40;
+  static constexpr int kModes = 4;          // FDD normal, FDD extended, TDD normal, TDD extended
+  static constexpr int kSegmentSlots = 128;  // 64 ms of coherent sum
+  static constexpr int kTaps = 9;            // delays -4 ... 4 samples
+  static constexpr int kTransform = 256;
+
+  struct Hypothesis {
+    int mode = 0, cell_id = 0, parity = 0;
+    float z = 0.0F;  // standard deviations of noise
+  };
+
+  void refine(IqSpan iq, const PssCandidate& candidate);
+  void rank(IqSpan iq);
+  void offer(const Hypothesis& h);
+  [[nodiscard]] bool confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out);
+  void read_grid(IqSpan iq, int mode);
+
+  Demodulator demodulator_;
+  dsp::Fft segment_fft_;
+  std::array<std::vector<float>, 3> sss_;  // [n_id_2][n_id_1][subframe 0 or 5][62]
+  std::array<std::vector<Cf32>, 3> pss_time_conj_;
+
+  // The candidate under test.
+  int n_id_2_ = 0;
+  double tau_ = 0.0, cfo_hz_ = 0.0, drift_ = 0.0;
+  int half_frames_ = 0;
+  std::vector<float> power_;
+  std::array<Hypothesis, 6> hypotheses_{};
+
+  // Central 72 subcarriers of the two reference symbols of each slot, for one mode at a time.
+  int grid_mode_ = -1, grid_slots_ = 0, grid_first_slot_ = 0;
+  std::vector<Cf32> grid_;
+  std::vector<std::uint8_t> grid_valid_;
+  std::vector<Cf32> taps_;      // [which][tap][slot]
+  std::vector<Cf32> pilots_;    // [which][slot][12]
+  std::vector<Cf32> series_, spectrum_a_, spectrum_b_, gap_turn_;
+  std::vector<Cf32> sync_;      // [half-frame][62] PSS, then SSS of each mode
+};
+
+}  // namespace soopnav::lte

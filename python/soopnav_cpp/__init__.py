@@ -1,0 +1,28 @@
+"""Position, velocity and time from signals of opportunity.
+
+The compiled engine does the work; these modules are its face:
+
+======================  ===========================================================
+`soopnav_cpp.io`        captures in and out: SigMF and raw samples
+`soopnav_cpp.lte`       LTE downlink: cells, times of arrival, synthesis
+`soopnav_cpp.navigation`  positions from observations
+`soopnav_cpp.geometry`  Earth, local frames, directions
+`soopnav_cpp.dsp`       transforms, correlation, delays, resampling
+`soopnav_cpp.simulation`  channels: noise, carrier offset, clock error, path loss
+`soopnav_cpp.plotting`  figures
+======================  ===========================================================
+
+Samples are ``complex64``, estimates ``float64``; units are in the names.
+"""
+
+from importlib.metadata import PackageNotFoundError as _PackageNotFoundError
+from importlib.metadata import version as _version
+
+from soopnav_cpp import dsp, geometry, io, lte, navigation, plotting, simulation
+
+__all__ = ["dsp", "geometry", "io", "lte", "navigation", "plotting", "simulation"]
+
+try:
+    __version__ = _version("soopnav")
+except _PackageNotFoundError:  # used from a build tree
+    __version__ = "0+unknown"

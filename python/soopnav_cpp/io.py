@@ -1,0 +1,380 @@
+"""Captures in and out: SigMF recordings and raw interleaved samples.
+
+Samples come back as ``complex64`` with full scale at 1.0: signed integers are divided by half their range, unsigned
+ones (``cu8``) are centred at 127.5 first. Floating-point samples are left as they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp._extras import require
+
+__all__ = ["RAW_FORMATS", "CaptureError", "Metadata", "read_iq", "write_iq"]
+
+#: Formats of raw files: complex, interleaved I then Q, little-endian.
+RAW_FORMATS = ("cu8", "ci8", "ci16", "cf32")
+
+_DATATYPE = re.compile(r"^(?P<kind>[cr])(?P<number>f32|f64|i8|i16|i32|u8|u16|u32)(?:_(?P<order>le|be))?$")
+_HASH_BLOCK = 1 << 20
+
+
+class CaptureError(ValueError):
+    """A capture cannot be read or written; the message names the file and what was expected of it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Metadata:
+    """What is known about a capture besides its samples.
+
+    Attributes
+    ----------
+    path : Path
+        The file that was named: a ``.sigmf-meta`` file or the raw file.
+    sample_rate_hz : float
+        Complex samples per second.
+    format : str
+        Format of the stored samples, such as ``"ci8"`` or ``"cf32_le"``.
+    n_samples : int
+        Number of complex samples.
+    center_frequency_hz : float or None
+        Radio frequency that lies at 0 Hz of the baseband, when known.
+    datetime_utc : str or None
+        Time of the first sample (ISO 8601), when known.
+    description : str or None
+    """
+
+    path: Path
+    sample_rate_hz: float
+    format: str
+    n_samples: int
+    center_frequency_hz: float | None = None
+    datetime_utc: str | None = None
+    description: str | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the capture in seconds."""
+        return self.n_samples / self.sample_rate_hz
+
+
+@dataclasses.dataclass(frozen=True)
+class _Format:
+    """How a complex sample is stored."""
+
+    dtype: np.dtype[Any]  # of one component
+    offset: float
+    scale: float
+
+    @property
+    def sample_bytes(self) -> int:
+        return 2 * self.dtype.itemsize
+
+    def decode(self, raw: npt.NDArray[Any]) -> npt.NDArray[np.complex64]:
+        """Components as stored, I and Q in turn, to samples."""
+        if self.dtype == np.dtype("<f4"):
+            return raw.view(np.complex64)
+        iq = raw.astype(np.float32)
+        if self.offset:
+            iq -= np.float32(self.offset)
+        if self.scale != 1.0:
+            iq *= np.float32(1.0 / self.scale)
+        return iq.view(np.complex64)
+
+    def encode(self, iq: npt.NDArray[np.complex64]) -> npt.NDArray[Any]:
+        """Samples to components as stored; integers are rounded and clipped to their range."""
+        parts = np.ascontiguousarray(iq).view(np.float32)
+        if self.dtype.kind == "f":
+            return parts.astype(self.dtype)
+        limits = np.iinfo(self.dtype)
+        levels = np.rint(parts.astype(np.float64) * self.scale + self.offset)
+        return np.clip(levels, limits.min, limits.max).astype(self.dtype)
+
+
+def _parse_format(name: str, where: str) -> _Format:
+    match = _DATATYPE.match(name)
+    if match is None:
+        raise CaptureError(f"{where}: format {name!r} is unknown; expected one of {', '.join(RAW_FORMATS)}")
+    if match["kind"] == "r":
+        raise CaptureError(f"{where}: format {name!r} holds real samples; complex ones (c...) are needed")
+    order = ">" if match["order"] == "be" else "<"
+    kind, bits = match["number"][0], int(match["number"][1:])
+    half = 2.0 ** (bits - 1)
+    dtype = np.dtype(f"{order}{kind}{bits // 8}")
+    if kind == "f":
+        return _Format(dtype, offset=0.0, scale=1.0)
+    if kind == "u":
+        return _Format(dtype, offset=half - 0.5, scale=half - 0.5)
+    return _Format(dtype, offset=0.0, scale=half)
+
+
+def _checked_rate(rate_hz: object, where: str) -> float:
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, (int, float, np.integer, np.floating)):
+        raise CaptureError(f"{where}: sample rate is {rate_hz!r}; a number of samples per second is needed")
+    rate = float(rate_hz)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise CaptureError(f"{where}: sample rate is {rate:g} Hz; it must be above zero")
+    return rate
+
+
+def _read_components(
+    path: Path, fmt: _Format, name: str, skip: list[tuple[int, int]], trailing_bytes: int
+) -> npt.NDArray[Any]:
+    """Components of `path` without the headers that `skip` lists as (first sample after it, its bytes)."""
+    size = path.stat().st_size
+    if size == 0:
+        raise CaptureError(f"{path}: the file is empty; {name} samples expected")
+    other = sum(n for _, n in skip) + trailing_bytes
+    if size <= other:
+        raise CaptureError(f"{path}: {size} bytes, but the metadata skips {other} of them; truncated?")
+    if (size - other) % fmt.sample_bytes:
+        raise CaptureError(
+            f"{path}: {size - other} bytes of samples are not a whole number of {name} samples "
+            f"({fmt.sample_bytes} bytes each); truncated, or another format?"
+        )
+    n_samples = (size - other) // fmt.sample_bytes
+    parts = []
+    position, done = 0, 0
+    for start, header in [*skip, (n_samples, 0)]:
+        if start > n_samples:
+            raise CaptureError(
+                f"{path}: holds {n_samples} samples, but the metadata has a segment at sample {start}; truncated?"
+            )
+        if start > done:
+            parts.append(np.fromfile(path, dtype=fmt.dtype, count=2 * (start - done), offset=position))
+            position += (start - done) * fmt.sample_bytes
+            done = start
+        position += header
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _sha512(path: Path) -> str:
+    digest = hashlib.sha512()
+    with path.open("rb") as file:
+        while block := file.read(_HASH_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _load_metadata(path: Path) -> dict[str, Any]:
+    sigmf_validate = require("sigmf.validate", "io", "reading SigMF")
+    jsonschema = require("jsonschema", "io", "reading SigMF")
+    try:
+        metadata = json.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise CaptureError(f"{path}: not a text file; SigMF metadata (JSON) expected") from error
+    except json.JSONDecodeError as error:
+        raise CaptureError(f"{path}:{error.lineno}: not JSON ({error.msg}); SigMF metadata expected") from error
+    except RecursionError as error:
+        raise CaptureError(f"{path}: JSON nested too deeply; SigMF metadata expected") from error
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("global"), dict):
+        raise CaptureError(f"{path}: no 'global' object; SigMF metadata expected")
+    # These two are checked here first, for a plainer sentence than the schema's.
+    if "core:datatype" not in metadata["global"]:
+        raise CaptureError(f"{path}: core:datatype is missing; the format of the samples is needed")
+    if "core:sample_rate" in metadata["global"]:
+        _checked_rate(metadata["global"]["core:sample_rate"], str(path))
+    try:
+        sigmf_validate.validate(metadata)
+    except jsonschema.ValidationError as error:
+        place = ".".join(str(part) for part in error.absolute_path) or "metadata"
+        raise CaptureError(f"{path}: {place}: {error.message.splitlines()[0]}") from error
+    return metadata
+
+
+def _read_sigmf(path: Path, sample_rate_hz: float | None) -> tuple[npt.NDArray[np.complex64], Metadata]:
+    metadata = _load_metadata(path)
+    info, captures = metadata["global"], metadata.get("captures", [])
+    if sample_rate_hz is None and "core:sample_rate" not in info:
+        raise CaptureError(f"{path}: core:sample_rate is missing; give the sample rate (sample_rate_hz, --rate)")
+    rate = _checked_rate(info["core:sample_rate"] if sample_rate_hz is None else sample_rate_hz, str(path))
+    name = str(info["core:datatype"])
+    fmt = _parse_format(name, f"{path}: core:datatype")
+    channels = info.get("core:num_channels", 1)
+    if channels != 1:
+        raise CaptureError(f"{path}: core:num_channels is {channels}; recordings of one channel are read")
+    if info.get("core:metadata_only"):
+        raise CaptureError(f"{path}: core:metadata_only is set, so there are no samples to read")
+    tuned = sorted({c["core:frequency"] for c in captures if "core:frequency" in c})
+    if len(tuned) > 1:
+        raise CaptureError(f"{path}: captures are tuned to {len(tuned)} frequencies; one is needed")
+
+    data = path.parent / info["core:dataset"] if "core:dataset" in info else path.with_suffix(".sigmf-data")
+    if not data.is_file():
+        raise CaptureError(f"{path}: its data file {data.name} is not there")
+    skip = [(int(c["core:sample_start"]), int(c.get("core:header_bytes", 0))) for c in captures]
+    if skip != sorted(skip):
+        raise CaptureError(f"{path}: captures are not in order of core:sample_start")
+    raw = _read_components(data, fmt, name, skip, int(info.get("core:trailing_bytes", 0)))
+    n_samples = raw.size // 2
+    for index, note in enumerate(metadata.get("annotations", [])):
+        end = int(note["core:sample_start"]) + int(note.get("core:sample_count", 0))
+        if end > n_samples:
+            raise CaptureError(
+                f"{data}: holds {n_samples} samples, but annotations[{index}] of {path.name} reaches sample {end}; "
+                "truncated?"
+            )
+    if "core:sha512" in info and _sha512(data) != str(info["core:sha512"]).lower():
+        raise CaptureError(f"{data}: SHA-512 differs from core:sha512 of {path.name}; truncated or changed")
+    first = captures[0] if captures else {}
+    return fmt.decode(raw), Metadata(
+        path=path,
+        sample_rate_hz=rate,
+        format=name,
+        n_samples=n_samples,
+        center_frequency_hz=float(tuned[0]) if tuned else None,
+        datetime_utc=first.get("core:datetime"),
+        description=info.get("core:description"),
+    )
+
+
+def _metadata_path(path: Path) -> Path | None:
+    """The metadata file that `path` stands for, or None for a raw file."""
+    if path.suffix in (".sigmf-meta", ".sigmf-data"):
+        return path.with_suffix(".sigmf-meta")
+    if not path.exists():
+        beside = path.with_name(path.name + ".sigmf-meta")
+        if beside.exists():
+            return beside
+    return None
+
+
+def read_iq(
+    path: str | os.PathLike[str], *, sample_rate_hz: float | None = None, format: str | None = None
+) -> tuple[npt.NDArray[np.complex64], Metadata]:
+    """Read a capture.
+
+    Parameters
+    ----------
+    path : path
+        A SigMF recording (its ``.sigmf-meta`` or ``.sigmf-data`` file, or their common stem) or a raw file of
+        interleaved I and Q. ``core:header_bytes``, ``core:trailing_bytes`` and ``core:dataset`` are honoured.
+    sample_rate_hz : float, optional
+        Needed for a raw file; goes before ``core:sample_rate`` of a SigMF recording.
+    format : {"cu8", "ci8", "ci16", "cf32"}, optional
+        For a raw file; the suffix (``.cu8`` ...) says it too. Refused for SigMF, which names its own.
+
+    Returns
+    -------
+    iq : ndarray, shape (n,), complex64
+        Samples with full scale at 1.0. NaN in the file stays NaN.
+    metadata : Metadata
+
+    Raises
+    ------
+    CaptureError
+        (a ``ValueError``) for an empty or truncated file, a byte count that is not whole, an unknown format, a rate that
+        is not above zero, metadata that does not fit its data.
+    FileNotFoundError
+        When `path` is not there.
+
+    Examples
+    --------
+    >>> iq, meta = read_iq("city.sigmf-meta")  # doctest: +SKIP
+    """
+    given = Path(path)
+    meta = _metadata_path(given)
+    if meta is not None:
+        if not meta.is_file():
+            raise FileNotFoundError(f"{meta}: no such file")
+        if format is not None:
+            raise CaptureError(f"{meta}: format={format!r} is for raw files; SigMF metadata says its own")
+        return _read_sigmf(meta, sample_rate_hz)
+
+    if given.is_dir():
+        raise CaptureError(f"{given}: a folder; a SigMF recording or a raw file expected")
+    if not given.exists():
+        raise FileNotFoundError(f"{given}: no such file")
+    if given.suffix in (".sigmf", ".gz", ".xz", ".zip", ".tar"):
+        raise CaptureError(f"{given}: an archive; unpack it and name the .sigmf-meta file")
+    name = format if format is not None else given.suffix.removeprefix(".")
+    if format is None and name not in RAW_FORMATS:
+        raise CaptureError(
+            f"{given}: not SigMF, so the format of its samples is needed (format, --format): "
+            f"one of {', '.join(RAW_FORMATS)}"
+        )
+    fmt = _parse_format(name, str(given))
+    if sample_rate_hz is None:
+        raise CaptureError(f"{given}: not SigMF, so the sample rate is needed (sample_rate_hz, --rate)")
+    rate = _checked_rate(sample_rate_hz, str(given))
+    raw = _read_components(given, fmt, name, [], 0)
+    return fmt.decode(raw), Metadata(path=given, sample_rate_hz=rate, format=name, n_samples=raw.size // 2)
+
+
+def write_iq(
+    path: str | os.PathLike[str],
+    iq: npt.NDArray[np.complex64],
+    sample_rate_hz: float,
+    *,
+    format: str = "cf32",
+    center_frequency_hz: float | None = None,
+    datetime_utc: str | None = None,
+    description: str | None = None,
+) -> Path:
+    """Write a SigMF recording: ``NAME.sigmf-data`` and ``NAME.sigmf-meta`` with its SHA-512.
+
+    Parameters
+    ----------
+    path : path
+        ``NAME``, with or without ``.sigmf-meta``. Existing files are replaced.
+    iq : array_like, shape (n,), complex
+        Full scale is 1.0. Integer formats round to the nearest level and clip beyond it; NaN and infinity are refused.
+    sample_rate_hz : float
+    format : {"cf32", "ci16", "ci8", "cu8"}
+    center_frequency_hz, datetime_utc, description : optional
+        ``core:frequency``, ``core:datetime`` and ``core:description``.
+
+    Returns
+    -------
+    Path
+        The ``.sigmf-meta`` file.
+
+    Raises
+    ------
+    CaptureError
+        For an empty or two-dimensional array, NaN in an integer format, an unknown format, a rate that is not above zero.
+    """
+    sigmf = require("sigmf", "io", "writing SigMF")
+    sigmf_validate = require("sigmf.validate", "io", "writing SigMF")
+    given = Path(path)
+    named = given.suffix in (".sigmf-meta", ".sigmf-data")
+    meta = given.with_suffix(".sigmf-meta") if named else given.with_name(given.name + ".sigmf-meta")
+    data = meta.with_suffix(".sigmf-data")
+    fmt = _parse_format(format, str(meta))
+    rate = _checked_rate(sample_rate_hz, str(meta))
+    samples = np.asarray(iq, dtype=np.complex64)
+    if samples.ndim != 1 or samples.size == 0:
+        raise CaptureError(f"{meta}: iq has shape {samples.shape}; one dimension and at least one sample needed")
+    if fmt.dtype.kind != "f" and not np.isfinite(samples.view(np.float32)).all():
+        raise CaptureError(f"{meta}: iq has samples that are not finite; {format} cannot hold them")
+
+    datatype = format if fmt.dtype.itemsize == 1 or "_" in format else format + "_le"
+    fmt.encode(samples).tofile(data)
+    capture: dict[str, Any] = {"core:sample_start": 0}
+    if center_frequency_hz is not None:
+        capture["core:frequency"] = float(center_frequency_hz)
+    if datetime_utc is not None:
+        capture["core:datetime"] = datetime_utc
+    info: dict[str, Any] = {
+        "core:datatype": datatype,
+        "core:sample_rate": rate,
+        "core:version": sigmf.__specification__,
+        "core:recorder": "soopnav",
+        "core:sha512": _sha512(data),
+    }
+    if description is not None:
+        info["core:description"] = description
+    metadata = {"global": info, "captures": [capture], "annotations": []}
+    sigmf_validate.validate(metadata)
+    meta.write_text(json.dumps(metadata, indent=2) + "\n", encoding="utf-8")
+    return meta

@@ -1,0 +1,4 @@
+// The kernels once more, without the wider vectors and under another name, for law_test.cpp to compare.
+#define SOOPNAV_NO_TARGET_CLONES
+#define detail detail_baseline
+#include "dsp/kernels.cpp"
