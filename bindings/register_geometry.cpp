@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdio>
 #include <limits>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -33,6 +35,11 @@ std::array<double, 3> row_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v
 std::array<double, 3> row_of(const std::optional<Geodetic>& place) {
   if (!place) return {kNan, kNan, kNan};
   return {place->latitude_rad, place->longitude_rad, place->height_m};
+}
+
+std::array<double, 3> row_of(const std::optional<geometry::Direction>& seen) {
+  if (!seen) return {kNan, kNan, kNan};
+  return {seen->azimuth_rad, seen->elevation_rad, seen->range_m};
 }
 
 /// A table of n rows of three, `make(i)` giving row i.
@@ -81,10 +88,8 @@ void register_geometry(py::module_& m) {
         need_three_columns(from, "from_enu_m");
         need_three_columns(to, "to_enu_m");
         if (from.rows() != to.rows()) throw std::invalid_argument("to_enu_m: as many rows as from_enu_m expected");
-        return rows(from.rows(), [&](std::size_t i) -> std::array<double, 3> {
-          const auto seen = geometry::direction_enu(vector3(from.row(i)), vector3(to.row(i)));
-          if (!seen) return {kNan, kNan, kNan};
-          return {seen->azimuth_rad, seen->elevation_rad, seen->range_m};
+        return rows(from.rows(), [&](std::size_t i) {
+          return row_of(geometry::direction_enu(vector3(from.row(i)), vector3(to.row(i))));
         });
       },
       py::arg("from_enu_m"), py::arg("to_enu_m"),
@@ -134,6 +139,13 @@ void register_geometry(py::module_& m) {
             return rows(p_l.rows(), [&](std::size_t i) { return row_of(f.position_to_geodetic(vector3(p_l.row(i)))); });
           },
           py::arg("p_l"))
+      .def(
+          "direction_to",
+          [](const LocalFrame& f, const Table<"p_e">& p_e) {
+            need_three_columns(p_e, "p_e");
+            return rows(p_e.rows(), [&](std::size_t i) { return row_of(f.direction_to(vector3(p_e.row(i)))); });
+          },
+          py::arg("p_e"))
       .def("__repr__", [](const LocalFrame& f) {
         constexpr double kDegrees = 57.29577951308232;
         std::array<char, 160> text{};

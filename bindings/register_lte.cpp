@@ -43,13 +43,12 @@ class CellLost : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// printf into a string; what is longer than 255 characters is cut.
 template <class... Values>
 std::string format(const char* pattern, Values... values) {
-  const auto size = static_cast<std::size_t>(std::snprintf(nullptr, 0, pattern, values...));
-  std::string text(size + 1, '\0');
+  std::array<char, 256> text{};
   std::snprintf(text.data(), text.size(), pattern, values...);
-  text.resize(size);
-  return text;
+  return text.data();
 }
 
 std::string optional_text(const std::optional<int>& value) { return value ? std::to_string(*value) : "None"; }
@@ -452,8 +451,7 @@ void register_synthesis(py::module_& m) {
       .def(py::init<const std::vector<CellParameters>&, double, double, std::uint64_t>(), py::arg("cells"),
            py::arg("sample_rate_hz"), py::kw_only(), py::arg("noise_variance") = 0.0, py::arg("seed") = 0)
       .def(
-          "generate",
-          [](SharedSynthesizer& self, std::size_t n_samples) { return to_array(self.generate(n_samples)); },
+          "generate", [](SharedSynthesizer& self, std::size_t n_samples) { return to_array(self.generate(n_samples)); },
           py::arg("n_samples"), "The next samples, complex64.")
       .def_property_readonly("position", &SharedSynthesizer::position, "Sample that generate begins with.")
       .def("seek", &SharedSynthesizer::seek, py::arg("sample"), "Sets position; negative ones lie before time 0.");

@@ -75,7 +75,7 @@ def load_toml(path: Path, model: type[_ModelT]) -> _ModelT:
         reason = str(error).split(" at line ")[0]
         raise ConfigError(f"{path}:{error.line}: not TOML: {reason}") from error
     except (tomlkit.exceptions.TOMLKitError, RecursionError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from error
+        raise ConfigError(f"{path}:{_line_of_failure(text, type(error))}: not TOML: {error}") from error
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as error:
@@ -145,6 +145,19 @@ def _in_file(location: _Location, content: object) -> _Location:
     while end and not _holds(content, location[:end]):
         end -= 1
     return location[:end]
+
+
+def _line_of_failure(text: str, kind: type[Exception]) -> int:
+    """Line (from 1) that makes the text so far fail with an exception of this kind."""
+    lines = text.splitlines(keepends=True)
+    for count in range(1, len(lines) + 1):
+        try:
+            tomlkit.parse("".join(lines[:count]))
+        except kind:
+            return count
+        except tomlkit.exceptions.TOMLKitError:
+            continue
+    return max(1, len(lines))
 
 
 def _line_of(text: str, location: _Location) -> int:

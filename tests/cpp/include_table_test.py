@@ -43,7 +43,7 @@ class IncludeTable(unittest.TestCase):
         self.assert_only()
 
     def test_an_include_of_an_unused_module_is_named_with_its_line(self) -> None:
-        self.write("src/dsp/peak.cpp", '/* two\nlines */\n#  include <soopnav/estimation/chi_square.hpp>\n')
+        self.write("src/dsp/peak.cpp", "/* two\nlines */\n#  include <soopnav/estimation/chi_square.hpp>\n")
         self.assert_only("src/dsp/peak.cpp:3: dsp includes estimation")
 
     def test_estimation_and_measurement_do_not_know_each_other(self) -> None:
@@ -86,7 +86,9 @@ class IncludeTable(unittest.TestCase):
         self.assertIn("must add the module 'geometry'", "\n".join(include_table.violations(self.cpp)))
 
     def test_comments_do_not_count(self) -> None:
-        self.write("src/dsp/note.cpp", '// #include "soopnav/geometry/frame.hpp"\n/* #include "soopnav/vision/a.hpp"\n*/\n')
+        self.write(
+            "src/dsp/note.cpp", '// #include "soopnav/geometry/frame.hpp"\n/* #include "soopnav/vision/a.hpp"\n*/\n'
+        )
         self.assert_only()
 
     def test_an_empty_tree_is_no_success(self) -> None:

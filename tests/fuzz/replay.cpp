@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
   if (argc > 1) return 0;
 
   std::mt19937 generator(20240229);
-  constexpr int kInputs = 48;
+  constexpr int kInputs = 120;
   for (int i = 0; i < kInputs; ++i) {
     // Empty first, then lengths that spread over the powers of two; every third input is sparse.
     const std::size_t bits = i == 0 ? 0 : generator() % 12;

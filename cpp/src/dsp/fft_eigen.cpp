@@ -26,6 +26,7 @@ struct Slot {
 
 struct Fft::Impl {
   Impl(int n, FftDirection way) : size(n), direction(way) {
+    if (n == 1) return;  // KissFFT cannot; execute() copies
     const std::vector<Cf32> zeros(static_cast<std::size_t>(n));
     for (Slot& slot : slots) {
       slot.fft.SetFlag(Eigen::FFT<float>::Unscaled);

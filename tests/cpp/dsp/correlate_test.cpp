@@ -5,11 +5,18 @@
 
 #include <algorithm>
 #include <limits>
+#include <ostream>
 #include <stdexcept>
+#include <tuple>
 
 #include "dsp/signals.hpp"
 
 namespace soopnav::dsp {
+
+static void PrintTo(FilterKind kind, std::ostream* stream) {
+  *stream << (kind == FilterKind::kConvolution ? "convolution" : "correlation");
+}
+
 namespace {
 
 using testing::Cf64;
@@ -45,6 +52,10 @@ struct Case {
   std::size_t n_in, n_kernel;
   int fft_size;
 };
+
+std::ostream& operator<<(std::ostream& stream, const Case& c) {
+  return stream << c.n_in << "x" << c.n_kernel << "_fft" << c.fft_size;
+}
 
 class OverlapSaveCases : public ::testing::TestWithParam<std::tuple<Case, FilterKind>> {};
 

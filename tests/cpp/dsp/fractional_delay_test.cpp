@@ -3,11 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <ostream>
 #include <stdexcept>
 
 #include "dsp/signals.hpp"
 
 namespace soopnav::dsp {
+
+static void PrintTo(const SincDesign& design, std::ostream* stream) {
+  *stream << design.passband << "_" << design.attenuation_db << "dB";
+}
+
 namespace {
 
 using testing::Cf64;
@@ -138,7 +144,9 @@ TEST_P(LagrangeOrders, ErrByTheBoundOfTheRemainder) {
       const double bound = product * std::pow(w, order + 1);
       const double error = tone_error(filter, w);
       EXPECT_LE(error, bound + 1e-14) << "order " << order << " delay " << delay << " w " << w;
-      if (w < 0.2 && bound > 1e-12) EXPECT_GE(error, 0.9 * bound) << "order " << order;
+      if (w < 0.2 && bound > 1e-12) {
+        EXPECT_GE(error, 0.9 * bound) << "order " << order;
+      }
     }
   }
 }

@@ -93,7 +93,7 @@ TEST_P(LinearOperations, CommuteWithShifts) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, LinearOperations, ::testing::ValuesIn(operations()),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& test) { return std::string(test.param.name); });
 
 TEST(ConvolutionLaw, Commutes) {
   const auto a = noise(90, 1), b = noise(61, 2);

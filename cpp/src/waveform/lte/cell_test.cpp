@@ -21,6 +21,7 @@ constexpr double kOffsetStepHz = 500.0;
 constexpr int kPieces = 8;        // of 16 samples: carrier offsets within +-4 kHz barely turn inside one
 constexpr int kBack = 3;          // samples of cyclic prefix left before the window
 constexpr int kCentral = 72;
+constexpr float kLeastZ = 3.9F;   // of the 2688 SSS hypotheses noise alone reaches this once in eight candidates
 
 CyclicPrefix cp_of(int mode) noexcept { return mode % 2 == 0 ? CyclicPrefix::kNormal : CyclicPrefix::kExtended; }
 Duplex duplex_of(int mode) noexcept { return mode < 2 ? Duplex::kFdd : Duplex::kTdd; }
@@ -61,6 +62,28 @@ CellTest::CellTest() : demodulator_(kSearchFft), segment_fft_(kTransform, dsp::F
     auto& conj = pss_time_conj_[static_cast<std::size_t>(n_id_2)];
     for (const Cf32 x : time) conj.push_back(std::conj(x) / std::sqrt(62.0F * kSearchFft));
   }
+  for (int f = 0; f < kOffsets; ++f) {
+    const double hz = (f - kOffsets / 2) * kOffsetStepHz;
+    for (int p = 0; p < kPieces; ++p) offset_turn_.push_back(cis(-hz * (16.0 * p + 8.0) / kBaseRateHz));
+  }
+  for (int t = 0; t < kTaps; ++t) {
+    for (int k = 0; k < kCentral; ++k) {
+      const int f = k < kCentral / 2 ? k - kCentral / 2 : k - kCentral / 2 + 1;
+      undo_.push_back(cis(static_cast<double>(f) * (t - kTaps / 2) / kSearchFft));
+    }
+  }
+  for (const CyclicPrefix cp : {CyclicPrefix::kNormal, CyclicPrefix::kExtended}) {
+    const int second = symbols_per_slot(cp) - 3;
+    const double gap_s = (symbol_start_samples(cp, second, kSearchFft) + cyclic_prefix_samples(cp, second, kSearchFft) -
+                          cyclic_prefix_samples(cp, 0, kSearchFft)) / kBaseRateHz;
+    auto& turn = gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1];
+    for (int alias = -1; alias <= 1; ++alias) {
+      for (int b = 0; b < kTransform; ++b) {
+        const double hz = (b < kTransform / 2 ? b : b - kTransform) * 2000.0 / kTransform + 2000.0 * alias;
+        turn.push_back(cis(-hz * gap_s));
+      }
+    }
+  }
   power_.resize(static_cast<std::size_t>(kMaxHalfFrames * kDelays * kOffsets));
   sync_.resize(static_cast<std::size_t>(kMaxHalfFrames * (1 + kModes) * kSyncSubcarriers));
   series_.resize(kTransform);
@@ -72,13 +95,6 @@ void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
   n_id_2_ = candidate.n_id_2;
   grid_mode_ = -1;
   const auto& reference = pss_time_conj_[static_cast<std::size_t>(n_id_2_)];
-  std::array<std::array<Cf32, kPieces>, kOffsets> turn;
-  for (int f = 0; f < kOffsets; ++f) {
-    for (int p = 0; p < kPieces; ++p) {
-      const double hz = (f - kOffsets / 2) * kOffsetStepHz;
-      turn[static_cast<std::size_t>(f)][static_cast<std::size_t>(p)] = cis(-hz * (16.0 * p + 8.0) / kBaseRateHz);
-    }
-  }
   std::array<Cf32, kSearchFft> rotator, rotated;
   kernels::phasors(0.0, -candidate.cfo_hz / kBaseRateHz, rotator.data(), rotator.size());
   kernels::multiply(rotator.data(), reference.data(), rotated.data(), rotated.size());
@@ -105,7 +121,7 @@ void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
       }
       for (std::size_t f = 0; f < kOffsets; ++f) {
         Cf32 sum{};
-        for (std::size_t p = 0; p < kPieces; ++p) sum += multiply(piece[p], turn[f][p]);
+        for (std::size_t p = 0; p < kPieces; ++p) sum += multiply(piece[p], offset_turn_[f * kPieces + p]);
         power[static_cast<std::size_t>(d) * kOffsets + f] = std::norm(sum);
       }
     }
@@ -198,18 +214,13 @@ void CellTest::rank(IqSpan iq) {
   }
 
   // Phase from half-frame to half-frame: the residual offset modulo 200 Hz, by the largest coherent sum.
-  constexpr int kGrid = 128;
-  double best = -1.0;
-  double residual = 0.0;  // cycles per half-frame
-  for (int i = 0; i < kGrid; ++i) {
-    const double cycles = static_cast<double>(i) / kGrid - 0.5;
-    Cf32 total{};
-    for (int h = 0; h < half_frames_; ++h) total += multiply(sum_of[static_cast<std::size_t>(h)], cis(-cycles * h));
-    if (static_cast<double>(std::norm(total)) > best) {
-      best = static_cast<double>(std::norm(total));
-      residual = cycles;
-    }
-  }
+  std::fill(series_.begin(), series_.end(), Cf32{});
+  std::copy_n(sum_of.begin(), half_frames_, series_.begin());
+  segment_fft_.execute(series_.data(), spectrum_a_.data());
+  const auto top = std::max_element(spectrum_a_.begin(), spectrum_a_.end(),
+                                    [](Cf32 a, Cf32 b) { return std::norm(a) < std::norm(b); });
+  const auto bin = static_cast<int>(top - spectrum_a_.begin());
+  const double residual = static_cast<double>(bin < kTransform / 2 ? bin : bin - kTransform) / kTransform;  // cycles
   for (int h = 0; h < half_frames_; ++h) {
     if (!valid[static_cast<std::size_t>(h)][0]) continue;
     const Cf32* row = sync_.data() + static_cast<std::size_t>(h * stride);
@@ -252,7 +263,7 @@ void CellTest::rank(IqSpan iq) {
           const auto p = static_cast<std::size_t>(parity);
           const float v = norm * (kernels::dot(s0, z[p].data(), kSyncSubcarriers) +
                                   kernels::dot(s5, z[1 - p].data(), kSyncSubcarriers));
-          if (v > 3.0F) offer({mode, 3 * n_id_1 + n_id_2_, parity, v});
+          if (v > kLeastZ) offer({mode, 3 * n_id_1 + n_id_2_, parity, v});
         }
       }
     }
@@ -302,15 +313,6 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
   taps_.assign(static_cast<std::size_t>(2 * kTaps * grid_slots_), Cf32{});
   pilots_.assign(static_cast<std::size_t>(2 * grid_slots_ * kPilots), Cf32{});
 
-  // Phasors exp(+j 2 pi f d / 128) that undo a delay of d samples on subcarrier f.
-  std::array<std::array<Cf32, kCentral>, kTaps> undo;
-  for (int t = 0; t < kTaps; ++t) {
-    for (int k = 0; k < kCentral; ++k) {
-      const int f = k < kCentral / 2 ? k - kCentral / 2 : k - kCentral / 2 + 1;
-      undo[static_cast<std::size_t>(t)][static_cast<std::size_t>(k)] =
-          cis(static_cast<double>(f) * (t - kTaps / 2) / kSearchFft);
-    }
-  }
   std::array<Cf32, kPilots> reference;
   const auto slot_in_frame = [&](int s) { return (((s + grid_first_slot_ + 10 * h.parity) % 20) + 20) % 20; };
   const auto usable = [&](int slot, int which) {
@@ -331,7 +333,7 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
         for (int t = 0; t < kTaps; ++t) {
           Cf32 sum{};
           for (int m = 0; m < kPilots; ++m) {
-            sum += multiply(z[m], undo[static_cast<std::size_t>(t)][static_cast<std::size_t>(6 * m + first)]);
+            sum += multiply(z[m], undo_[static_cast<std::size_t>(t * kCentral + 6 * m + first)]);
           }
           taps_[static_cast<std::size_t>((which * kTaps + t) * grid_slots_ + s)] = sum;
         }
@@ -339,17 +341,8 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
     }
   }
 
-  const double symbol_gap_s =
-      (symbol_start_samples(cp, second, kSearchFft) + cyclic_prefix_samples(cp, second, kSearchFft) -
-       cyclic_prefix_samples(cp, 0, kSearchFft)) / kBaseRateHz;
   const double bin_hz = 2000.0 / kTransform;
-  gap_turn_.resize(static_cast<std::size_t>(3 * kTransform));
-  for (int alias = -1; alias <= 1; ++alias) {
-    for (int b = 0; b < kTransform; ++b) {
-      const double hz = (b < kTransform / 2 ? b : b - kTransform) * bin_hz + 2000.0 * alias;
-      gap_turn_[static_cast<std::size_t>((alias + 1) * kTransform + b)] = cis(-hz * symbol_gap_s);
-    }
-  }
+  const auto& gap_turn = gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1];
   double total = 0.0, best_any = -1.0, best_hz = 0.0, best_delay = 0.0, best_slope = 0.0;
   int segments = 0;
   for (int begin = 0; begin < grid_slots_; begin += kSegmentSlots) {
@@ -389,7 +382,7 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
           for (int b = 0; b < kTransform; ++b) {
             const Cf32 u = spectrum_a_[static_cast<std::size_t>(b)] +
                            multiply(spectrum_b_[static_cast<std::size_t>(b)],
-                                    gap_turn_[static_cast<std::size_t>((alias + 1) * kTransform + b)]);
+                                    gap_turn[static_cast<std::size_t>((alias + 1) * kTransform + b)]);
             const double p = static_cast<double>(std::norm(u));
             if (p <= best) continue;
             best = p;

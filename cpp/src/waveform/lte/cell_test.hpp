@@ -65,6 +65,10 @@ class CellTest {
   std::array<std::vector<float>, 3> sss_;  // [n_id_2][n_id_1][subframe 0 or 5][62]
   std::array<std::vector<Cf32>, 3> pss_time_conj_;
 
+  std::vector<Cf32> offset_turn_;  // [offset][piece]: takes an offset out of the pieces of the PSS
+  std::vector<Cf32> undo_;         // [tap][subcarrier]: exp(+j 2 pi f d / 128) undoes a delay of d samples
+  std::array<std::vector<Cf32>, 2> gap_turn_;  // [prefix][alias][bin]: phase between a slot's reference symbols
+
   // The candidate under test.
   int n_id_2_ = 0;
   double tau_ = 0.0, cfo_hz_ = 0.0, drift_ = 0.0;
@@ -78,7 +82,7 @@ class CellTest {
   std::vector<std::uint8_t> grid_valid_;
   std::vector<Cf32> taps_;      // [which][tap][slot]
   std::vector<Cf32> pilots_;    // [which][slot][12]
-  std::vector<Cf32> series_, spectrum_a_, spectrum_b_, gap_turn_;
+  std::vector<Cf32> series_, spectrum_a_, spectrum_b_;
   std::vector<Cf32> sync_;      // [half-frame][62] PSS, then SSS of each mode
 };
 

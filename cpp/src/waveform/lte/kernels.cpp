@@ -55,6 +55,25 @@ void add(const float* x, float* sum, std::size_t n) noexcept {
 }
 
 SOOPNAV_TARGET_CLONES
+void scale(const float* factor, float* x, std::size_t n) noexcept {
+  for (std::size_t i = 0; i < n; ++i) x[i] *= factor[i];
+}
+
+SOOPNAV_TARGET_CLONES
+float sum(const float* x, std::size_t n) noexcept {
+  std::array<float, kLanes> lane{};
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) lane[j] += x[i + j];
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) lane[j] += x[i];
+  for (std::size_t half = kLanes / 2; half > 0; half /= 2) {
+    for (std::size_t j = 0; j < half; ++j) lane[j] += lane[j + half];
+  }
+  return lane[0];
+}
+
+SOOPNAV_TARGET_CLONES
 Cf32 dot_conj(const Cf32* a, const Cf32* b, std::size_t n) noexcept {
   const float* p = floats(a);
   const float* q = floats(b);
@@ -118,26 +137,28 @@ float maximum(const float* x, std::size_t n) noexcept {
 }
 
 void phasors(double start_cycles, double step_cycles, Cf32* out, std::size_t n) noexcept {
-  // Lanes advance together by one step each; they are set afresh often enough to stay exact.
+  // Lanes advance together by kWidth steps; they are set afresh often enough to stay exact.
   constexpr std::size_t kWidth = 16, kRefresh = 256;
-  std::array<float, kWidth> re{}, im{};
-  const auto cis = [](double cycles, float& c, float& s) {
+  const auto cis = [](double cycles) {
     const double phase = 2.0 * std::numbers::pi * (cycles - std::floor(cycles));
-    c = static_cast<float>(std::cos(phase));
-    s = static_cast<float>(std::sin(phase));
+    return std::array<double, 2>{std::cos(phase), std::sin(phase)};
   };
-  float step_re = 1.0F, step_im = 0.0F;
-  if (n > kWidth) cis(step_cycles * static_cast<double>(kWidth), step_re, step_im);
-  std::array<float, kWidth> unit_re{}, unit_im{};
-  for (std::size_t j = 0; j < std::min(kWidth, n); ++j)
-    cis(step_cycles * static_cast<double>(j), unit_re[j], unit_im[j]);
+  const auto product = [](const std::array<double, 2>& a, const std::array<double, 2>& b) {
+    return std::array<double, 2>{a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]};
+  };
+  std::array<std::array<double, 2>, kWidth + 1> power;  // of one step
+  power[0] = {1.0, 0.0};
+  power[1] = cis(step_cycles);
+  for (std::size_t j = 2; j <= kWidth; ++j) power[j] = product(power[j / 2], power[j - j / 2]);
+  const auto step_re = static_cast<float>(power[kWidth][0]), step_im = static_cast<float>(power[kWidth][1]);
+  std::array<float, kWidth> re{}, im{};
   for (std::size_t i = 0; i < n; i += kWidth) {
     if (i % kRefresh == 0) {
-      float c = 1.0F, s = 0.0F;
-      cis(start_cycles + step_cycles * static_cast<double>(i), c, s);
+      const auto base = cis(start_cycles + step_cycles * static_cast<double>(i));
       for (std::size_t j = 0; j < kWidth; ++j) {
-        re[j] = unit_re[j] * c - unit_im[j] * s;
-        im[j] = unit_re[j] * s + unit_im[j] * c;
+        const auto x = product(base, power[j]);
+        re[j] = static_cast<float>(x[0]);
+        im[j] = static_cast<float>(x[1]);
       }
     }
     const std::size_t m = std::min(kWidth, n - i);

@@ -29,6 +29,12 @@ void accumulate_power(const Cf32* x, float* sum, std::size_t n) noexcept;
 /// sum[i] += x[i]
 void add(const float* x, float* sum, std::size_t n) noexcept;
 
+/// x[i] *= factor[i]
+void scale(const float* factor, float* x, std::size_t n) noexcept;
+
+/// sum_i x[i]
+[[nodiscard]] float sum(const float* x, std::size_t n) noexcept;
+
 /// sum_i a[i] conj(b[i])
 [[nodiscard]] Cf32 dot_conj(const Cf32* a, const Cf32* b, std::size_t n) noexcept;
 
@@ -38,11 +44,7 @@ void add(const float* x, float* sum, std::size_t n) noexcept;
 /// sum_i |x[i]|^2
 [[nodiscard]] double energy(const Cf32* x, std::size_t n) noexcept;
 
-/// The largest element and where it is; n >= 1.
-struct Maximum {
-  float value;
-  std::size_t index;
-};
+/// The largest element; n >= 1.
 [[nodiscard]] float maximum(const float* x, std::size_t n) noexcept;
 
 /// out[i] = exp(j 2 pi (start + i step)), phases in cycles. Exact to single precision for any n.

@@ -15,7 +15,7 @@ using kernels::multiply;
 using kernels::multiply_conj;
 
 struct Line {
-  double intercept = 0.0, slope = 0.0, slope_sigma = std::numeric_limits<double>::infinity(), intercept_sigma = 0.0;
+  double intercept = 0.0, slope = 0.0, centre = 0.0, slope_sigma = std::numeric_limits<double>::infinity(), intercept_sigma = 0.0;
 };
 
 // Weighted straight line y = a + b x; the slope stays 0 with one point.
@@ -31,6 +31,7 @@ Line fit_line(const std::vector<LinkTracker::FrameEstimate>& points, double Link
   Line line;
   if (!(w > 0.0)) return line;
   const double mx = wx / w, my = wy / w;
+  line.centre = mx;
   double sxx = 0.0, sxy = 0.0;
   for (const auto& p : points) {
     const double weight = 1.0 / std::max(p.*sigma * (p.*sigma), 1e-30);
@@ -238,14 +239,17 @@ void LinkTracker::chain(const CrsTracker& tracker) {
   }
 }
 
-bool LinkTracker::track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations) {
+bool LinkTracker::track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations, double drift_sigma) {
   const int fft_size = tracker.fft_size();
+  const double prior_drift = state.drift;
   const int nominal = tracker.cell().duplex == Duplex::kFdd ? 40 : 10;
   for (int iteration = 0; iteration < iterations; ++iteration) {
     tracker.read(iq, state, nominal / 2);
     if (tracker.frames().empty()) tracker.read(iq, state, 1);
     if (tracker.frames().empty()) return false;
-    const bool following = iteration == 0 && tracker.frames().size() > 2;
+    // A drift that is known well leaves the frames in step from the start.
+    const double capture = static_cast<double>(iq.size());
+    const bool following = iteration == 0 && tracker.frames().size() > 2 && drift_sigma * capture > 0.2;
     if (following) {
       chain(tracker);
     } else {
@@ -261,10 +265,16 @@ bool LinkTracker::track(CrsTracker& tracker, IqSpan iq, LinkState& state, int it
     const DelayFit absolute = refine_delay(mean.data(), nullptr, ports_, tracker.element_frequencies().data(), elements_,
                                            fft_size, start);
     const double tau = absolute.converged ? absolute.tau : start;
-    state.frame_start += following ? 0.0 : tau + delay.intercept;
-    state.drift += delay.slope;
+    // Both are of the slope about the mean time, so the intercept goes with the slope that is taken.
+    const double measured = state.drift + delay.slope;
+    const double w = 1.0 / (delay.slope_sigma * delay.slope_sigma), w0 = 1.0 / (drift_sigma * drift_sigma);
+    const double drift = std::isfinite(w) && w + w0 > 0.0 ? (w * measured + w0 * prior_drift) / (w + w0) : prior_drift;
+    const double change = drift - state.drift;
+    const double intercept = delay.intercept + (delay.slope - change) * delay.centre;
+    state.frame_start += following ? 0.0 : tau + intercept;
+    state.drift = drift;
     state.frequency += phase.slope;
-    drift_sigma_ = delay.slope_sigma;
+    drift_sigma_ = 1.0 / std::sqrt(w + w0);
     frequency_sigma_ = phase.slope_sigma;
     delay_sigma_ = delay.intercept_sigma;
   }

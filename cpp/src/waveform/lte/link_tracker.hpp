@@ -49,8 +49,9 @@ class LinkTracker {
 
   /// Refines `state` on the frames that `tracker` can read: absolute delay of the strongest response, drift, frequency.
   /// The first iteration follows the frames one to the next, so that the drift may be off by much; the later ones hold
-  /// each frame against the mean. False when no frame could be read.
-  [[nodiscard]] bool track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations);
+  /// each frame against the mean. The drift that `state` comes with counts as known to `drift_sigma`. False when no frame
+  /// could be read.
+  [[nodiscard]] bool track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations, double drift_sigma);
 
   [[nodiscard]] const std::vector<FrameEstimate>& frames() const noexcept { return estimates_; }
   [[nodiscard]] double drift_sigma() const noexcept { return drift_sigma_; }

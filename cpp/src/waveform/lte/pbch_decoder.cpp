@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "soopnav/waveform/lte/pbch.hpp"
@@ -33,10 +34,11 @@ constexpr float kFirstMargin = 7.7F;
 constexpr float kLaterMargin = 8.15F;
 constexpr int kMaxAttempts = 2000;
 
-// How much less likely than the best word of the code a word with a right CRC may be, and how much likelier than the best
-// word of another number of ports it must be, nats.
-constexpr float kMaxDeficit = 20.0F;
-constexpr float kMinLead = 3.0F;
+// Two more tests for soft bits that hold a signal, but another than the one sought (doc section 3): the least share of
+// the correlation that the soft bits promise, and the most that bits of the wrong sign may hold.
+constexpr float kLeastShare = 0.6F;
+constexpr float kShareSlack = 2.0F;
+constexpr float kMostDisagreement = 2.4F;
 
 using Buffer = std::array<float, kCodedBits>;
 
@@ -50,6 +52,21 @@ float correlate(const Buffer& soft, const CodedWord& word) noexcept {
   for (std::size_t i = 0; i < kCodedBits; ++i) sum += with_sign(soft[i], word.bit(i) ? 1U : 0U);
   return sum;
 }
+
+/// What a soft bit that is a true log-likelihood ratio adds to the right word's correlation, on average: |L| tanh(|L| /
+/// 2).
+inline float expected_correlation(float soft) noexcept {
+  const float y = 0.5F * std::abs(soft);
+  const float tanh = y * (27.0F + y * y) / (27.0F + 9.0F * y * y);  // within 0.024, and 1 at y = 3
+  return 2.0F * y * (y < 3.0F ? tanh : 1.0F);
+}
+
+/// Soft bits summed into the circular buffer, and what they promise.
+struct Sum {
+  Buffer soft{};
+  float energy = 0.0F;    // sum of squares of the single soft bits
+  float expected = 0.0F;  // of the right word's correlation
+};
 
 /// Near-maximum-likelihood search among the 2^24 words whose CRC holds (ordered statistics, order three): decides the
 /// 24 most reliable independent bits by sign, then tries every change of up to three of them.
@@ -173,9 +190,9 @@ struct PbchDecoder::Scratch {
   std::array<std::vector<CarryPattern>, kMaxPeriods + 1> patterns;  // by number of periods
   std::array<CodedWord, 256> counter_word{};                        // coded difference of two counters
   std::array<std::uint32_t, 60> scrambling{};
-  std::array<Buffer, kMaxPeriods> period{};  // descrambled sums of the window, in the circular buffer's order
-  std::array<float, kMaxPeriods> energy{};
-  Buffer combined{};
+  std::array<std::array<Sum, kMaxPeriods>, 4> periods;        // of the window, descrambled for each phase
+  std::array<std::pair<float, float>, kMaxWindow> promise{};  // energy and expected correlation of the window's frames
+  Sum combined;
   Buffer by_time{};
   int n_ports = 1;
   int attempts = 0;
@@ -186,63 +203,72 @@ struct PbchDecoder::Scratch {
     for (unsigned d = 0; d < 256; ++d) counter_word[d] = detail::encode_linear(detail::place_counter(d));
   }
 
-  /// Sums the window's frames by period when its first frame is the `phase`-th of its period. Returns the periods
-  /// touched.
-  std::size_t combine(std::span<const PbchSoftBits> frames, std::size_t phase, std::size_t bits_per_frame) noexcept {
-    const std::size_t n_periods = (phase + frames.size() + 3) / 4;
-    for (std::size_t t = 0; t < n_periods; ++t) {
-      period[t].fill(0.0F);
-      energy[t] = 0.0F;
-    }
+  /// Sums the window's frames by period, for each phase of the first one.
+  void combine(std::span<const PbchSoftBits> frames, std::size_t bits_per_frame) noexcept {
     for (std::size_t f = 0; f < frames.size(); ++f) {
-      const PbchSoftBits& soft = frames[f];
-      float frame_energy = 0.0F;
-      for (std::size_t i = 0; i < bits_per_frame; ++i) frame_energy += soft[i] * soft[i];
-      if (!std::isfinite(frame_energy)) continue;  // NaN in means not used
-      const std::size_t t = (phase + f) / 4;
-      const std::size_t first = ((phase + f) % 4) * bits_per_frame;
-      energy[t] += frame_energy;
-      Buffer& sum = period[t];
-      std::size_t place = first % kCodedBits;
+      auto& [energy, expected] = promise[f];
+      energy = 0.0F;
+      expected = 0.0F;
       for (std::size_t i = 0; i < bits_per_frame; ++i) {
-        const std::size_t n = first + i;
-        sum[place] += with_sign(soft[i], (scrambling[n / 32] >> (n % 32)) & 1U);
-        if (++place == kCodedBits) place = 0;
+        energy += frames[f][i] * frames[f][i];
+        expected += expected_correlation(frames[f][i]);
       }
     }
-    return n_periods;
+    for (std::size_t phase = 0; phase < 4; ++phase) {
+      for (std::size_t t = 0; t < periods_of(phase, frames.size()); ++t) periods[phase][t] = Sum{};
+      for (std::size_t f = 0; f < frames.size(); ++f) {
+        if (!std::isfinite(promise[f].first)) continue;  // NaN in means not used
+        Sum& sum = periods[phase][(phase + f) / 4];
+        sum.energy += promise[f].first;
+        sum.expected += promise[f].second;
+        const std::size_t first = ((phase + f) % 4) * bits_per_frame;
+        std::size_t place = first % kCodedBits;
+        for (std::size_t i = 0; i < bits_per_frame; ++i) {
+          const std::size_t n = first + i;
+          sum.soft[place] += with_sign(frames[f][i], (scrambling[n / 32] >> (n % 32)) & 1U);
+          if (++place == kCodedBits) place = 0;
+        }
+      }
+    }
   }
 
-  /// The payload in `combined`, when a word with a right CRC correlates with it by `margin` sqrt(energy) or more.
-  std::optional<std::uint32_t> attempt(float total_energy, float margin) noexcept {
+  /// Periods that a window touches when its first frame is the `phase`-th of its period.
+  static std::size_t periods_of(std::size_t phase, std::size_t n_frames) noexcept { return (phase + n_frames + 3) / 4; }
+
+  /// The payload in `combined`, when a word with a right CRC has at least `margin` and nothing speaks against it.
+  std::optional<std::uint32_t> attempt(float margin) noexcept {
     ++attempts;
-    const float least = margin * std::sqrt(total_energy);
+    const Buffer& soft = combined.soft;
+    const float sigma = std::sqrt(combined.energy);  // of a word's correlation without signal
+    const float least = std::max(margin * sigma, kLeastShare * combined.expected - kShareSlack * sigma);
     if (!(least > 0.0F)) return std::nullopt;
-    for (std::size_t i = 0; i < kCodedBits; ++i) by_time[detail::kCircularOrder[i]] = combined[i];
+    for (std::size_t i = 0; i < kCodedBits; ++i) by_time[detail::kCircularOrder[i]] = soft[i];
     if (viterbi.start(by_time) < least) return std::nullopt;  // no word of the code reaches it
     const std::uint64_t bits = viterbi.finish(by_time).bits;
     auto payload = static_cast<std::uint32_t>(bits & 0xFFFFFFU);
     const auto parity = static_cast<std::uint32_t>(bits >> kMibBits);
-    const auto agreement = [&](std::uint32_t word, const CodedWord& its_mask) {
-      return correlate(combined, detail::encode_linear(word) ^ its_mask);
-    };
-    if ((detail::crc16(payload) ^ detail::crc_mask(n_ports)) == parity) {
-      if (correlate(combined, detail::encode_linear(payload) ^ mask) < least) return std::nullopt;
-      return payload;
-    }
-    // The most likely word has no right CRC. Another one may only stand in for it while it is nearly as likely, and
-    // likelier than any word of another number of ports: soft bits made for the wrong number still lean to the right word.
-    const float likeliest = correlate(combined, detail::convolve(bits));
-    payload = ordered.decode(combined, mask);
-    const float found = correlate(combined, detail::encode_linear(payload) ^ mask);
-    if (found < least || likeliest - found > 2.0F * kMaxDeficit) return std::nullopt;
+    const bool likeliest = (detail::crc16(payload) ^ detail::crc_mask(n_ports)) == parity;
+    if (!likeliest) payload = ordered.decode(soft, mask);
+    const float found = correlate(soft, detail::encode_linear(payload) ^ mask);
+    if (found < least) return std::nullopt;
+    float all = 0.0F;
+    for (const float x : soft) all += std::abs(x);
+    if (all - found > 2.0F * kMostDisagreement * sigma) return std::nullopt;
+    if (likeliest) return payload;
+    // Soft bits of another number of ports lean to a word under its mask, and some word under this mask is near it.
     for (const int other : {1, 2, 4}) {
       if (other == n_ports) continue;
       const CodedWord other_mask = detail::mask_word(other);
-      const std::uint32_t rival = ordered.decode(combined, other_mask);
-      if (found - correlate(combined, detail::encode_linear(rival) ^ other_mask) < 2.0F * kMinLead) return std::nullopt;
+      const std::uint32_t rival = ordered.decode(soft, other_mask);
+      if (correlate(soft, detail::encode_linear(rival) ^ other_mask) > found) return std::nullopt;
     }
     return payload;
+  }
+
+  /// Margin of a payload that `attempt` gave.
+  [[nodiscard]] double margin_of(std::uint32_t payload) const noexcept {
+    return static_cast<double>(correlate(combined.soft, detail::encode_linear(payload) ^ mask) /
+                               std::sqrt(combined.energy));
   }
 };
 
@@ -263,13 +289,13 @@ std::optional<PbchResult> PbchDecoder::decode(std::span<const PbchSoftBits> fram
   const auto bits_per_frame = static_cast<std::size_t>(pbch_bits_per_frame(cp));
 
   // What a payload of the period `t` of a window says, if it says anything.
-  const auto result = [&](std::uint32_t payload, std::size_t first, std::size_t phase, std::size_t t,
-                          float margin) -> std::optional<PbchResult> {
+  const auto result = [&](std::uint32_t payload, std::size_t first, std::size_t phase,
+                          std::size_t t) -> std::optional<PbchResult> {
     MibBits bits{};
     for (std::size_t i = 0; i < bits.size(); ++i) bits[i] = static_cast<std::uint8_t>((payload >> i) & 1U);
     const auto mib = unpack_mib(bits);
     if (!mib) return std::nullopt;
-    PbchResult out{*mib, n_ports, static_cast<double>(margin)};
+    PbchResult out{*mib, n_ports, s.margin_of(payload)};
     const int back = static_cast<int>(4 * t + first) - static_cast<int>(phase);  // frames since frames[0]
     out.mib.sfn = ((mib->sfn - back) % 1024 + 1024) % 1024;
     return out;
@@ -277,32 +303,33 @@ std::optional<PbchResult> PbchDecoder::decode(std::span<const PbchSoftBits> fram
 
   const auto search_window = [&](std::size_t first, std::size_t length, float margin) -> std::optional<PbchResult> {
     const auto window = frames.subspan(first, length);
+    s.combine(window, bits_per_frame);
     // Each period alone: enough for strong signals, and no carry to guess.
     for (std::size_t phase = 0; phase < 4; ++phase) {
-      const std::size_t n_periods = s.combine(window, phase, bits_per_frame);
+      const std::size_t n_periods = Scratch::periods_of(phase, length);
       for (std::size_t t = 0; t < n_periods && s.attempts < kMaxAttempts; ++t) {
-        s.combined = s.period[t];
-        const auto payload = s.attempt(s.energy[t], margin);
+        s.combined = s.periods[phase][t];
+        const auto payload = s.attempt(margin);
         if (!payload) continue;
-        const float found = correlate(s.combined, detail::encode_linear(*payload) ^ s.mask) / std::sqrt(s.energy[t]);
-        if (const auto out = result(*payload, first, phase, t, found)) return out;
+        if (const auto out = result(*payload, first, phase, t)) return out;
       }
     }
     for (std::size_t phase = 0; phase < 4; ++phase) {
-      const std::size_t n_periods = s.combine(window, phase, bits_per_frame);
+      const std::size_t n_periods = Scratch::periods_of(phase, length);
       if (n_periods < 2) continue;
-      float energy = 0.0F;
-      for (std::size_t t = 0; t < n_periods; ++t) energy += s.energy[t];
       for (const CarryPattern& pattern : s.patterns[n_periods]) {
         if (s.attempts >= kMaxAttempts) return std::nullopt;
-        s.combined = s.period[0];
+        s.combined = s.periods[phase][0];
         for (std::size_t t = 1; t < n_periods; ++t) {
           const CodedWord& flips = s.counter_word[pattern[t]];
+          const Sum& period = s.periods[phase][t];
+          s.combined.energy += period.energy;
+          s.combined.expected += period.expected;
           for (std::size_t i = 0; i < kCodedBits; ++i) {
-            s.combined[i] += with_sign(s.period[t][i], flips.bit(i) ? 1U : 0U);
+            s.combined.soft[i] += with_sign(period.soft[i], flips.bit(i) ? 1U : 0U);
           }
         }
-        const auto payload = s.attempt(energy, margin);
+        const auto payload = s.attempt(margin);
         if (!payload) continue;
         // A wrong pattern may leave a word that the stronger periods alone support: its counter belies the pattern.
         const unsigned counter = detail::read_counter(*payload);
@@ -311,8 +338,7 @@ std::optional<PbchResult> PbchDecoder::decode(std::span<const PbchSoftBits> fram
           consistent = consistent && static_cast<std::uint8_t>(counter ^ (counter + t)) == pattern[t];
         }
         if (!consistent) continue;
-        const float found = correlate(s.combined, detail::encode_linear(*payload) ^ s.mask) / std::sqrt(energy);
-        if (const auto out = result(*payload, first, phase, 0, found)) return out;
+        if (const auto out = result(*payload, first, phase, 0)) return out;
       }
     }
     return std::nullopt;

@@ -15,8 +15,10 @@ PssCorrelator::PssCorrelator(const Options& options)
       ratio_(static_cast<double>(kForward) / options.inverse_size),
       forward_(kForward, dsp::FftDirection::kForward),
       inverse_(options.inverse_size, dsp::FftDirection::kInverse),
+      band_inverse_(kForward, dsp::FftDirection::kInverse),
       half_(kForward / 4),  // +-480 kHz holds the 62 subcarriers and the first side lobes of their edges
       input_(kForward),
+      band_(kForward),
       spectrum_(kForward),
       product_(static_cast<std::size_t>(options.inverse_size)),
       correlation_(static_cast<std::size_t>(options.inverse_size)) {
@@ -69,13 +71,8 @@ void PssCorrelator::add(IqSpan iq, std::size_t first) {
   const std::size_t available = std::min<std::size_t>(kForward, iq.size() - first);
   std::copy_n(iq.data() + first, available, input_.data());
   std::fill(input_.begin() + static_cast<std::ptrdiff_t>(available), input_.end(), Cf32{});
-  prefix_[0] = 0.0;
-  for (std::size_t n = 0; n < kForward; ++n) prefix_[n + 1] = prefix_[n] + static_cast<double>(std::norm(input_[n]));
-  for (int m = 0; m < lags_; ++m) {
-    const auto n = static_cast<std::size_t>(m * ratio_);
-    energy_[static_cast<std::size_t>(m)] += static_cast<float>(prefix_[n + kSearchFft] - prefix_[n]);
-  }
   forward_.execute(input_.data(), spectrum_.data());
+  add_energy();
 
   const int group = half_frames_ / kGroup;
   const auto lags = static_cast<std::size_t>(lags_);
@@ -103,6 +100,26 @@ void PssCorrelator::add(IqSpan iq, std::size_t first) {
       inverse_.execute(product_.data(), correlation_.data());
       kernels::accumulate_power(correlation_.data(), surface(group, static_cast<int>(h), root), lags);
     }
+  }
+}
+
+// Energy under the template at every lag. Once strong cells are cancelled, their synchronisation symbols are quiet inside
+// the band while data goes on outside it and around; only the energy in the band shows that.
+void PssCorrelator::add_energy() {
+  if (options_.in_band) {
+    // The 62 subcarriers, +-465 kHz.
+    const std::size_t edge = static_cast<std::size_t>(half_) * 31 / 32;
+    std::fill(band_.begin(), band_.end(), Cf32{});
+    std::copy_n(spectrum_.begin(), edge, band_.begin());
+    std::copy_n(spectrum_.end() - static_cast<std::ptrdiff_t>(edge), edge, band_.end() - static_cast<std::ptrdiff_t>(edge));
+    band_inverse_.execute(band_.data(), input_.data());
+    for (Cf32& x : input_) x /= static_cast<float>(kForward);
+  }
+  prefix_[0] = 0.0;
+  for (std::size_t n = 0; n < kForward; ++n) prefix_[n + 1] = prefix_[n] + static_cast<double>(std::norm(input_[n]));
+  for (int m = 0; m < lags_; ++m) {
+    const auto n = static_cast<std::size_t>(m * ratio_);
+    energy_[static_cast<std::size_t>(m)] += static_cast<float>(prefix_[n + kSearchFft] - prefix_[n]);
   }
 }
 
@@ -137,7 +154,7 @@ void PssCorrelator::peaks(int limit, std::vector<PssCandidate>& out) {
   for (const float e : energy_) mean_energy += static_cast<double>(e);
   mean_energy /= lags_;
   if (!(mean_energy > 0.0)) return;
-  const auto floor = static_cast<float>(0.1 * mean_energy);
+  const auto floor = static_cast<float>((options_.in_band ? 2e-3 : 0.1) * mean_energy);
   for (std::size_t m = 0; m < lags; ++m) group_energy_[m] = 1.0F / std::max(energy_[m], floor);
 
   constexpr std::size_t kChunk = 64;
@@ -153,10 +170,8 @@ void PssCorrelator::peaks(int limit, std::vector<PssCandidate>& out) {
           kernels::add(s + shift, combined_.data(), lags - shift);
           kernels::add(s, combined_.data() + (lags - shift), shift);
         }
-        for (std::size_t m = 0; m < lags; ++m) combined_[m] *= group_energy_[m];
-        double mean = 0.0;
-        for (const float v : combined_) mean += static_cast<double>(v);
-        mean /= lags_;
+        kernels::scale(group_energy_.data(), combined_.data(), lags);
+        const double mean = static_cast<double>(kernels::sum(combined_.data(), lags)) / lags_;
         if (!(mean > 0.0)) continue;
         const auto scale = static_cast<float>(1.0 / mean);
         for (std::size_t c = 0; c < lags; c += kChunk) {

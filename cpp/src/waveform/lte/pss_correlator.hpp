@@ -33,6 +33,7 @@ class PssCorrelator {
     int inverse_size;          // 5120, 6144, 7680 or 10240 of the 10240-point forward transform
     double max_drift_ppm;      // drifts tried: -max ... +max
     int max_half_frames;
+    bool in_band;              // normalise by the energy inside the signal's band at zero offset, not by all of it
   };
   explicit PssCorrelator(const Options& options);
 
@@ -51,6 +52,7 @@ class PssCorrelator {
   static constexpr int kForward = 10240;
   static constexpr int kGroup = 4;  // half-frames whose drift is neglected: 20 ms
 
+  void add_energy();
   [[nodiscard]] float* surface(int group, int hypothesis, int root) noexcept;
   void offer(const PssCandidate& candidate, std::size_t limit, std::vector<PssCandidate>& out) const;
 
@@ -59,10 +61,10 @@ class PssCorrelator {
   double ratio_;  // input samples per lag
   int half_frames_ = 0;
   std::vector<int> shifts_;  // bins
-  dsp::Fft forward_, inverse_;
+  dsp::Fft forward_, inverse_, band_inverse_;
   std::array<std::vector<Cf32>, 3> reference_;  // conj(PSS spectrum), bins -half_ ... half_-1
   int half_;
-  std::vector<Cf32> input_, spectrum_, product_, correlation_;
+  std::vector<Cf32> input_, band_, spectrum_, product_, correlation_;
   std::vector<float> surfaces_, energy_, combined_, group_energy_;
   std::vector<double> prefix_;
 };

@@ -42,12 +42,13 @@ PssCorrelator::Options first_pass(double max_cfo_hz) {
   options.inverse_size = narrow ? 10240 : 6144;
   options.max_drift_ppm = kMaxDriftPpm;
   options.max_half_frames = kWideWindow;
+  options.in_band = narrow;
   return options;
 }
 
 PssCorrelator::Options later_passes() {
   return {.max_cfo_hz = kNarrowHz, .spacing_hz = 3.0e3, .inverse_size = 10240, .max_drift_ppm = 0.0,
-          .max_half_frames = kNarrowWindow};
+          .max_half_frames = kNarrowWindow, .in_band = true};
 }
 
 }  // namespace
@@ -109,7 +110,14 @@ bool Searcher::Impl::accept(IqSpan iq, const ConfirmedCell& cell) {
   if (known(cell.cell_id)) return false;
   LinkState state{cell.frame_start, cell.drift, cell.cfo_hz / kBaseRateHz};
   tracker.configure({cell.cell_id, cell.cp, cell.duplex, 6, 1});
-  if (!link.track(tracker, iq, state, 3)) return false;
+  // The receiver's clock is the same for all; base stations differ by 0.05 ppm at most (TS 36.104 6.5.1).
+  double drift_sigma = 20e-6;
+  if (!detections.empty()) {
+    const Detection& first_cell = detections.front();
+    state.drift = 1.0 / (1.0 + first_cell.clock_error_ppm * 1e-6) - 1.0;
+    drift_sigma = 1e-6 * std::hypot(first_cell.clock_error_sigma_ppm, 0.1);
+  }
+  if (!link.track(tracker, iq, state, 3, drift_sigma)) return false;
 
   // All four ports, for the broadcast channel and for what is to be cancelled.
   tracker.configure({cell.cell_id, cell.cp, cell.duplex, 6, 4});
@@ -140,7 +148,7 @@ bool Searcher::Impl::accept(IqSpan iq, const ConfirmedCell& cell) {
   }
   // Every port that is there sharpens the estimates, and is what there is to cancel.
   tracker.configure({cell.cell_id, cell.cp, cell.duplex, 6, ports});
-  if (!link.track(tracker, iq, state, 2)) return false;
+  if (!link.track(tracker, iq, state, 2, drift_sigma)) return false;
   const double frame_samples = 19200.0 * (1.0 + state.drift);
   const double whole = std::floor(state.frame_start / frame_samples);  // frames between the state's and the first one
   if (state_sfn) d.sfn = (((*state_sfn - static_cast<int>(whole)) % 1024) + 1024) % 1024;

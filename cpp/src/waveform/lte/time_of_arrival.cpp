@@ -1,7 +1,9 @@
 #include "soopnav/waveform/lte/time_of_arrival.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numbers>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -96,9 +98,10 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
   state.drift = 1.0 / (1.0 + cell.clock_error_ppm * 1e-6) - 1.0;
   state.frame_start = cell.frame_start_s * rate_hz;
   state.frequency = cell.cfo_hz / rate_hz;
-  if (!link.track(tracker, iq, state, 2)) return ToaStatus::kTooShort;
+  const double drift_sigma = 3e-6 * std::clamp(cell.clock_error_sigma_ppm, 0.01, 20.0);
+  if (!link.track(tracker, iq, state, 2, drift_sigma)) return ToaStatus::kTooShort;
   if (cell.duplex == Duplex::kTdd) tracker.find_downlink_subframes(iq, state);
-  if (!link.track(tracker, iq, state, 2)) return ToaStatus::kTooShort;
+  if (!link.track(tracker, iq, state, 2, drift_sigma)) return ToaStatus::kTooShort;
   const auto& frames = tracker.frames();
   const double mean_power = kernels::energy(link.mean_channel(0), static_cast<std::size_t>(tracker.elements())) / tracker.elements();
   if (mean_power < (1.0 + 6.0 / std::sqrt(static_cast<double>(tracker.elements()))) * link.mean_channel_noise()) {
@@ -151,7 +154,8 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
     }
   }
   if (out.toa_s.empty()) return ToaStatus::kLost;
-  const double wrap = kFrameS * std::floor(out.toa_s.front() / kFrameS);
+  double wrap = kFrameS * std::floor(out.toa_s.front() / kFrameS);
+  if (out.toa_s.front() - wrap >= kFrameS) wrap += kFrameS;  // a hair below zero rounds to a whole frame
   for (double& t : out.toa_s) t -= wrap;
   return ToaStatus::kOk;
 }
@@ -172,12 +176,14 @@ struct SubframeToaEstimator::Impl {
   Impl(double rate, const Detection& cell)
       : fft_size(fft_size_for(rate)), rate_hz(rate), ports(cell.n_ports.value_or(1)), tracker(fft_size) {
     tracker.configure({cell.cell_id, cell.cp, cell.duplex, usable_rb(cell.n_rb.value_or(6), rate), ports});
+    first.resize(static_cast<std::size_t>(tracker.elements() * ports));
   }
   int fft_size;
   double rate_hz;
   int ports;
   CrsTracker tracker;
   CoarseDelay coarse;
+  std::vector<Cf32> first;  // channel of the first slot, then of both
 };
 
 SubframeToaEstimator::SubframeToaEstimator(double sample_rate_hz, const Detection& cell) {
@@ -198,27 +204,59 @@ std::optional<SubframeToa> SubframeToaEstimator::estimate(IqSpan iq, int subfram
   LinkState state;
   state.frame_start = (start_s - subframe * 1e-3) * m.rate_hz;
   state.frequency = cfo_hz / m.rate_hz;
-  if (!m.tracker.read_slots(iq, state, 0, 2 * subframe, 2)) return std::nullopt;
-  std::array<const Cf32*, kMaxPorts> y{};
-  double energy = 0.0;
+
+  // Each slot holds the whole comb. What turns the second against the first is the offset that is left.
+  const auto elements = static_cast<std::size_t>(m.tracker.elements());
+  if (!m.tracker.read_slots(iq, state, 0, 2 * subframe, 1)) return std::nullopt;
   for (int p = 0; p < m.ports; ++p) {
-    y[static_cast<std::size_t>(p)] = m.tracker.channel(0, p);
-    energy += kernels::energy(m.tracker.channel(0, p), static_cast<std::size_t>(m.tracker.elements()));
+    std::copy_n(m.tracker.channel(0, p), elements, m.first.begin() + static_cast<std::ptrdiff_t>(elements) * p);
+  }
+  const bool both = m.tracker.read_slots(iq, state, 0, 2 * subframe + 1, 1);
+  Cf32 turn{};
+  if (both) {
+    for (int p = 0; p < m.ports; ++p) {
+      turn += kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
+    }
+  }
+  const double phase = static_cast<double>(std::arg(turn));
+  const auto cis = [](double x) { return Cf32(static_cast<float>(std::cos(x)), static_cast<float>(std::sin(x))); };
+  // The second reference symbol of a slot lies four of seven (three of six) symbols later.
+  const double share = m.tracker.cell().cp == CyclicPrefix::kNormal ? 549.0 / 960.0 : 0.5;
+  std::array<const Cf32*, kMaxPorts> y{};
+  double energy = 0.0, noise = 0.0;
+  for (int p = 0; p < m.ports; ++p) {
+    Cf32* a = m.first.data() + elements * static_cast<std::size_t>(p);
+    const Cf32* b = m.tracker.channel(0, p);
+    const int early = m.tracker.parity(p, 2 * subframe, 0);  // elements of the slot's first symbol
+    for (int half = 0; half < 2; ++half) {
+      const Cf32 back = cis(half == early ? 0.0 : -phase * share);
+      const Cf32 back_second = kernels::multiply(back, cis(-phase));
+      double difference = 0.0;
+      for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
+        const Cf32 x = kernels::multiply(a[j], back);
+        const Cf32 z = both ? kernels::multiply(b[j], back_second) : x;
+        difference += static_cast<double>(std::norm(x - z));
+        a[j] = 0.5F * (x + z);
+      }
+      noise += difference;
+    }
+    y[static_cast<std::size_t>(p)] = a;
+    energy += kernels::energy(a, elements);
   }
   if (!std::isfinite(energy) || !(energy > 0.0)) return std::nullopt;
+  noise /= 2.0 * static_cast<double>(elements) * m.ports;
   const double start = m.coarse.estimate(y.data(), m.ports, m.tracker.elements(), m.fft_size);
   const DelayFit fit = refine_delay(y.data(), nullptr, m.ports, m.tracker.element_frequencies().data(),
                                     m.tracker.elements(), m.fft_size, start);
   if (!fit.converged) return std::nullopt;
   // sigma^2 = noise / (2 sum_p |a_p|^2 B), B the effective squared bandwidth sum; fit.power = sum_p |count a_p|^2.
-  const double noise = m.tracker.noise_variance() / (0.5 * m.tracker.frames().front().symbols);
   const double signal = fit.power / m.tracker.elements();
   SubframeToa out;
   out.toa_s = start_s + fit.tau / m.rate_hz;
-  out.sigma_s = std::sqrt(noise / (2.0 * signal * fit.curvature)) / m.rate_hz;
-  out.noise_variance = m.tracker.noise_variance();
-  out.snr_db = 10.0 * std::log10(std::max(1e-9, (fit.power / m.tracker.elements() / m.tracker.elements() / m.ports) /
-                                                    std::max(out.noise_variance, 1e-30)));
+  out.sigma_s = std::sqrt(0.5 * noise / (2.0 * signal * fit.curvature)) / m.rate_hz;
+  out.noise_variance = noise;
+  out.residual_cfo_hz = both ? phase / (2.0 * std::numbers::pi * 0.5e-3) : 0.0;
+  out.snr_db = 10.0 * std::log10(std::max(1e-9, (signal / m.tracker.elements() / m.ports) / std::max(noise, 1e-30)));
   return out;
 }
 

@@ -60,6 +60,7 @@ struct SubframeToa {
   double sigma_s = 0.0;         ///< from the noise seen between the subframe's two slots
   double snr_db = 0.0;          ///< per CRS resource element, mean over ports
   double noise_variance = 0.0;  ///< of one resource element
+  double residual_cfo_hz = 0.0;  ///< carrier offset left beside the one given, within +-1 kHz
 };
 
 /// Channel and maximum-likelihood delay from one subframe at a time, for receivers that run along with the samples.
@@ -76,7 +77,7 @@ class SubframeToaEstimator {
   SubframeToaEstimator& operator=(SubframeToaEstimator&&) noexcept;
 
   /// `iq` holds the subframe; it begins near `start_s` (within +-2 us) after the span's first sample. nullopt when the
-  /// span is too short, not finite or silent.
+  /// span is too short, not finite or silent, or the subframe has no reference signals in its first slot's both symbols.
   [[nodiscard]] std::optional<SubframeToa> estimate(IqSpan iq, int subframe, double start_s, double cfo_hz);
 
  private:

@@ -1,0 +1,81 @@
+"""Positions from observations."""
+
+from __future__ import annotations
+
+import numpy.typing as npt
+
+from soopnav_cpp._core import navigation as _navigation
+from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
+
+__all__ = ["FixStatus", "NodeUse", "PositionFix", "position_fix"]
+
+
+def position_fix(
+    nodes_enu_m: npt.ArrayLike,
+    toas_s: npt.ArrayLike,
+    sigmas_s: npt.ArrayLike,
+    *,
+    clock_offsets_s: npt.ArrayLike | None = None,
+    node_sigmas_s: npt.ArrayLike | None = None,
+    dimensions: int | None = None,
+    height_m: float | None = None,
+    near_m: npt.ArrayLike | None = None,
+    period_s: float = 10e-3,
+    reject_outliers: bool = True,
+    false_alarm_probability: float = 1e-3,
+    max_iterations: int = 50,
+) -> PositionFix:
+    """Position and receiver clock from times of arrival at one receiver, by weighted least squares.
+
+    No start is needed. Where two positions fit, both are reported; one node at a time is rejected when the others
+    contradict it.
+
+    Parameters
+    ----------
+    nodes_enu_m : array_like, shape (n, 3)
+        Antennas, east, north, up in one local level frame. At most 64.
+    toas_s, sigmas_s : array_like, shape (n,)
+        Times of arrival and their standard deviations. A node with a NaN is left out.
+    clock_offsets_s : array_like, shape (n,), optional
+        How much later than the common time each node transmits.
+    node_sigmas_s : array_like, shape (n,), optional
+        Standard deviation of each node's own clock and place.
+    dimensions : {2, 3}, optional
+        Coordinates to estimate: two at `height_m`, or three. Without it as many as the nodes allow.
+    height_m : float, optional
+        The receiver's height, for two dimensions.
+    near_m : array_like, shape (3,), optional
+        Where two positions fit equally, the one nearer to this is taken.
+    period_s : float
+        Times of arrival repeat after this (the LTE radio frame).
+    reject_outliers : bool
+    false_alarm_probability : float
+        Of each test for an outlier.
+    max_iterations : int
+
+    Returns
+    -------
+    PositionFix
+        ``status``, ``position_m``, ``covariance_m2``, ``clock_bias_s``, ``clock_sigma_s``, ``dop``, ``unobservable``,
+        ``residuals_m``, ``gates_m``, ``used``, ``alternatives_m``; ``message`` says it in a sentence.
+
+    Raises
+    ------
+    ValueError
+        For lengths that differ, nodes that are not finite, options out of range. Too few nodes, or nodes that do not
+        determine a position, are no error but a ``status``.
+    """
+    return _navigation.position_fix(
+        nodes_enu_m,
+        toas_s,
+        sigmas_s,
+        clock_offsets_s=clock_offsets_s,
+        node_sigmas_s=node_sigmas_s,
+        dimensions=dimensions,
+        height_m=height_m,
+        near_m=near_m,
+        period_s=period_s,
+        reject_outliers=reject_outliers,
+        false_alarm_probability=false_alarm_probability,
+        max_iterations=max_iterations,
+    )

@@ -1,0 +1,369 @@
+"""Figures of results, drawn with matplotlib on its Agg canvas: no window, no global state.
+
+Each function returns the figure, and writes it as well when it is given a path.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp import dsp, estimation, lte, simulation
+from soopnav_cpp._extras import require
+from soopnav_cpp.navigation import PositionFix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["position_map", "scan"]
+
+_COLOURS = ("#1b6ca8", "#d1495b", "#2e933c", "#8f5db7", "#e08e1b", "#00798c", "#7a5c45", "#5c677d")
+_INK, _PALE = "#22303c", "#c5ced6"
+_BASE_RATE_HZ = 1.92e6
+_HALF_FRAME = 9600  # samples at the base rate
+_MOST_HALF_FRAMES = 16
+_MOST_RESPONSES = 5
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    figure_module = require("matplotlib.figure", "plot", "drawing")
+    agg = require("matplotlib.backends.backend_agg", "plot", "drawing")
+    figure = figure_module.Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
+    agg.FigureCanvasAgg(figure)
+    return figure  # type: ignore[no-any-return]
+
+
+def _style(axes: Axes, title: str, x: str, y: str) -> None:
+    axes.set_title(title, loc="left", fontsize=10.5, fontweight="bold", color=_INK)
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+    axes.tick_params(labelsize=8, colors=_INK)
+    axes.grid(True, color=_PALE, linewidth=0.5, alpha=0.7)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _save(figure: Figure, path: str | os.PathLike[str] | None) -> Figure:
+    if path is not None:
+        figure.savefig(os.fspath(path), dpi=150)
+    return figure
+
+
+# ---- scan
+
+
+def scan(
+    iq: npt.NDArray[np.complex64],
+    sample_rate_hz: float,
+    detections: Sequence[lte.Detection],
+    arrivals: Sequence[lte.TimeOfArrival | None],
+    *,
+    center_frequency_hz: float | None = None,
+    title: str = "",
+    path: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what a search found: correlation over time, spectrum, impulse responses with their first paths.
+
+    Parameters
+    ----------
+    iq : ndarray, shape (n,), complex64
+    sample_rate_hz : float
+    detections : sequence of Detection
+        May be empty.
+    arrivals : sequence of TimeOfArrival or None
+        One for each detection; None where there is none.
+    center_frequency_hz : float, optional
+        Labels the spectrum with radio frequencies.
+    title : str
+    path : path, optional
+        Written as well, in the format of its suffix.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    shown = [(d, a) for d, a in zip(detections, arrivals, strict=True) if a is not None][:_MOST_RESPONSES]
+    figure = _figure(11.0, 7.6)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=_INK)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.25))
+    _draw_correlation(figure.add_subplot(grid[0, :]), iq, sample_rate_hz, detections)
+    _draw_spectrum(figure.add_subplot(grid[1, 0]), iq, sample_rate_hz, detections, center_frequency_hz)
+    rows = grid[1, 1].subgridspec(max(1, len(shown)), 1, hspace=0.05)
+    if not shown:
+        axes = figure.add_subplot(rows[0])
+        axes.text(0.5, 0.5, "no cell", ha="center", va="center", color=_INK, transform=axes.transAxes)
+        _style(axes, "Impulse responses", "delay after the first path [µs]", "power [dB]")
+        axes.grid(False)
+        axes.set_xticks([])
+        axes.set_yticks([])
+    span = max((p.delay_s for _, a in shown for p in a.paths), default=0.0) * 1e6
+    for row, (detection, arrival) in enumerate(shown):
+        axes = figure.add_subplot(rows[row])
+        last = row == len(shown) - 1
+        _style(
+            axes,
+            "Impulse responses" if row == 0 else "",
+            "delay after the first path [µs]" if last else "",
+            "power [dB]",
+        )
+        _draw_response(axes, detection, arrival, _colour(detections, detection))
+        axes.set_xlim(-1.5, max(4.0, 1.3 * span))
+        axes.set_ylim(-42.0, 5.0)
+        axes.set_yticks([-40, -20, 0])
+        axes.tick_params(labelbottom=last)
+    return _save(figure, path)
+
+
+def _colour(detections: Sequence[lte.Detection], detection: lte.Detection) -> str:
+    index = next(i for i, d in enumerate(detections) if d is detection)
+    return _COLOURS[index % len(_COLOURS)]
+
+
+def _pss_offset_samples(detection: lte.Detection) -> int:
+    """From the start of a half-frame to its PSS behind the cyclic prefix, at the base rate (TS 36.211 6.11.1.2)."""
+    normal = detection.cp is lte.CyclicPrefix.NORMAL
+    if detection.duplex is lte.Duplex.FDD:
+        return 832
+    return 1920 + (138 + 137 + 9 if normal else 2 * 160 + 32)
+
+
+def _pss_correlation(base: npt.NDArray[np.complex64]) -> npt.NDArray[np.float64]:
+    """Share of the power that each of the three PSS explains, mean over half-frames; shape (3, one half-frame)."""
+    power = np.concatenate([[0.0], np.cumsum(np.square(np.abs(base), dtype=np.float64))])
+    power = np.maximum(power[128:] - power[:-128], 1e-30 + 1e-9 * power[-1] / base.size)
+    found = []
+    for n_id_2 in range(3):
+        spectrum = np.zeros(128, np.complex64)
+        spectrum[1:32], spectrum[-31:] = lte.pss(n_id_2)[31:], lte.pss(n_id_2)[:31]
+        replica = np.fft.ifft(spectrum)
+        replica /= np.linalg.norm(replica)
+        share = np.square(np.abs(dsp.correlate(base, replica.astype(np.complex64)))) / power
+        folds = min(_MOST_HALF_FRAMES, max(1, share.size // _HALF_FRAME))
+        whole = np.zeros(folds * _HALF_FRAME)
+        whole[: min(whole.size, share.size)] = share[: whole.size]
+        found.append(whole.reshape(folds, _HALF_FRAME).mean(axis=0))
+    return np.array(found)
+
+
+def _draw_correlation(
+    axes: Axes, iq: npt.NDArray[np.complex64], sample_rate_hz: float, detections: Sequence[lte.Detection]
+) -> None:
+    length = math.ceil((_MOST_HALF_FRAMES + 1) * 5e-3 * sample_rate_hz)
+    base = np.ascontiguousarray(iq[:length])
+    if detections:  # so that the band around the carrier is what is kept
+        base = simulation.apply_cfo(base, -detections[0].cfo_hz, sample_rate_hz)
+    if sample_rate_hz != _BASE_RATE_HZ:
+        base = dsp.resample(base, sample_rate_hz, _BASE_RATE_HZ)
+    shares = _pss_correlation(base)
+    times_ms = np.arange(_HALF_FRAME) / _BASE_RATE_HZ * 1e3
+    for n_id_2, (share, shade) in enumerate(zip(shares, ("#5b7083", "#93a4b1", "#c08457"), strict=True)):
+        axes.plot(times_ms, share, linewidth=0.7, color=shade, label=f"N_ID_2 = {n_id_2}")
+    top = float(shares.max())
+    for index, detection in enumerate(detections):
+        start = round(detection.frame_start_s * _BASE_RATE_HZ) + _pss_offset_samples(detection)
+        near = (start + np.arange(-4, 5)) % _HALF_FRAME
+        height = float(shares[detection.cell_id % 3][near].max())
+        colour = _COLOURS[index % len(_COLOURS)]
+        x = float(times_ms[start % _HALF_FRAME])
+        axes.plot([x], [height], "o", color=colour, markersize=5, markeredgecolor="white")
+        axes.annotate(
+            f"cell {detection.cell_id}",
+            (x, height),
+            xytext=(5, 4 + 11 * (index % 2)),
+            textcoords="offset points",
+            fontsize=8.5,
+            color=colour,
+            fontweight="bold",
+        )
+    axes.set_xlim(0.0, 5.0)
+    axes.set_ylim(0.0, 1.22 * top if top > 0.0 else 1.0)
+    axes.legend(loc="upper right", fontsize=8, frameon=False, ncols=3)
+    folds = min(_MOST_HALF_FRAMES, max(1, base.size // _HALF_FRAME))
+    _style(
+        axes,
+        f"PSS correlation (mean of {folds} half-frames)",
+        "time from the capture's first sample, modulo 5 ms [ms]",
+        "share of power",
+    )
+
+
+def _draw_spectrum(
+    axes: Axes,
+    iq: npt.NDArray[np.complex64],
+    sample_rate_hz: float,
+    detections: Sequence[lte.Detection],
+    center_frequency_hz: float | None,
+) -> None:
+    points = 1024
+    count = min(2000, iq.size // points)
+    starts = np.linspace(0, iq.size - points, count).astype(np.int64)
+    window = np.hanning(points).astype(np.float32)
+    blocks = iq[starts[:, None] + np.arange(points)] * window
+    density = np.square(np.abs(np.fft.fftshift(np.fft.fft(blocks, axis=1), axes=1))).mean(axis=0)
+    density /= np.square(window).sum() * sample_rate_hz
+    origin = 0.0 if center_frequency_hz is None else center_frequency_hz
+    frequencies = (origin + np.fft.fftshift(np.fft.fftfreq(points, 1.0 / sample_rate_hz))) / 1e6
+    level = 10.0 * np.log10(np.maximum(density, 1e-30))
+    axes.plot(frequencies, level, linewidth=0.9, color=_INK)
+    low, high = float(np.percentile(level, 1)), float(level.max())
+    bands: dict[tuple[int, float], list[int]] = {}
+    for detection in detections:
+        if detection.n_rb is not None:
+            bands.setdefault((detection.n_rb, round(detection.cfo_hz, -3)), []).append(detection.cell_id)
+    for index, ((n_rb, offset), _cells) in enumerate(bands.items()):
+        centre, half = (origin + offset) / 1e6, n_rb * 0.18 / 2.0
+        left, right = max(centre - half, frequencies[0]), min(centre + half, frequencies[-1])
+        axes.axvspan(left, right, color=_COLOURS[index % len(_COLOURS)], alpha=0.10, linewidth=0)
+        axes.text(
+            (left + right) / 2.0, high + 4.0, f"{n_rb} RB", ha="center", va="center", fontsize=8, color=_INK
+        )
+    axes.set_xlim(frequencies[0], frequencies[-1])
+    axes.set_ylim(low - 3.0, high + 8.0)
+    label = "frequency in baseband [MHz]" if center_frequency_hz is None else "frequency [MHz]"
+    axes.ticklabel_format(axis="x", useOffset=False)
+    _style(axes, "Spectrum", label, "density [dB full scale / Hz]")
+
+
+def _draw_response(axes: Axes, detection: lte.Detection, arrival: lte.TimeOfArrival, colour: str) -> None:
+    magnitude = np.asarray(arrival.impulse_response, dtype=np.float64)
+    if magnitude.size and magnitude.max() > 0.0:
+        delays_us = 1e6 * (
+            arrival.impulse_response_start_s + arrival.impulse_response_step_s * np.arange(magnitude.size)
+        )
+        level = 20.0 * np.log10(np.maximum(magnitude / magnitude.max(), 1e-6))
+        axes.fill_between(delays_us, level, -60.0, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(delays_us, level, color=colour, linewidth=1.1)
+    axes.axvline(0.0, color=_INK, linewidth=0.8, linestyle=(0, (4, 3)))
+    for index, resolved in enumerate(arrival.paths):
+        axes.plot(
+            [1e6 * resolved.delay_s],
+            [resolved.power_db],
+            "o" if index == 0 else "D",
+            color=colour,
+            markeredgecolor="white",
+            markersize=7 if index == 0 else 5,
+            zorder=3,
+        )
+    toa_s, sigma_s = lte.arrival_at(arrival)
+    axes.text(
+        0.99,
+        0.94,
+        f"cell {detection.cell_id}   first path {1e3 * toa_s:.6f} ms ± {sigma_s * 299_792_458.0:.2g} m",
+        ha="right",
+        va="top",
+        fontsize=8.5,
+        color=colour,
+        fontweight="bold",
+        transform=axes.transAxes,
+    )
+
+
+# ---- position
+
+
+def position_map(
+    fix: PositionFix,
+    nodes_enu_m: npt.ArrayLike,
+    labels: Sequence[str],
+    *,
+    title: str = "",
+    path: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a position among its nodes, with its ellipse in a magnified inset.
+
+    Parameters
+    ----------
+    fix : PositionFix
+        With a position.
+    nodes_enu_m : array_like, shape (n, 3)
+        In the order in which they were given to the fix.
+    labels : sequence of str
+        A name for each.
+    title : str
+    path : path, optional
+        Written as well, in the format of its suffix.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    nodes = np.asarray(nodes_enu_m, dtype=np.float64).reshape(-1, 3)
+    here = fix.position_m
+    figure = _figure(9.6, 7.2)
+    axes = figure.add_subplot()
+    _style(axes, title, "east [m]", "north [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    used = fix.used
+    for node, label, taken in zip(nodes, labels, used, strict=True):
+        colour = _COLOURS[0] if taken else _COLOURS[1]
+        axes.plot([here[0], node[0]], [here[1], node[1]], color=colour, linewidth=0.8, alpha=0.35, zorder=1)
+        axes.plot(
+            [node[0]], [node[1]], "^", markersize=11, color=colour, markeredgecolor="white", zorder=3,
+            fillstyle="full" if taken else "none",
+        )  # fmt: skip
+        axes.annotate(
+            label if taken else f"{label} (rejected)",
+            (node[0], node[1]),
+            xytext=(9, 6),
+            textcoords="offset points",
+            fontsize=9,
+            color=colour,
+        )
+    for other in fix.alternatives_m:
+        axes.plot([other[0]], [other[1]], "x", color=_COLOURS[4], markersize=9, zorder=3)
+        axes.annotate("fits as well", (other[0], other[1]), xytext=(8, -12), textcoords="offset points", fontsize=9)
+    axes.plot([here[0]], [here[1]], "*", color=_COLOURS[2], markersize=17, markeredgecolor="white", zorder=4)
+    axes.annotate(
+        "receiver", (here[0], here[1]), xytext=(11, -14), textcoords="offset points", fontsize=9.5, fontweight="bold",
+        color=_COLOURS[2],
+    )  # fmt: skip
+    everything = np.vstack([nodes[:, :2], here[None, :2], fix.alternatives_m[:, :2]])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = max(10.0, 0.12 * float((high - low).max()))
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    _draw_ellipse(axes, fix)
+    return _save(figure, path)
+
+
+def ellipse_points(ellipse: estimation.ErrorEllipse) -> npt.NDArray[np.float64]:
+    """The curve about the origin, shape (n, 2)."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    major, minor = ellipse.semi_major_m * np.cos(turn), ellipse.semi_minor_m * np.sin(turn)
+    c, s = math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)
+    return np.stack([c * major - s * minor, s * major + c * minor], axis=1)
+
+
+def _draw_ellipse(axes: Axes, fix: PositionFix) -> None:
+    covariance = fix.covariance_m2[:2, :2]
+    if not np.isfinite(covariance).all():
+        return
+    inset: Any = axes.inset_axes((0.70, 0.68, 0.29, 0.30))
+    inset.set_aspect("equal", adjustable="datalim")
+    inset.set_facecolor("#f7f9fb")
+    curves = (
+        (estimation.error_ellipse(covariance, probability=0.95), "95 %", 0.15),
+        (estimation.error_ellipse(covariance), "1σ", 0.35),
+    )
+    for ellipse, name, alpha in curves:
+        points = ellipse_points(ellipse)
+        inset.fill(points[:, 0], points[:, 1], color=_COLOURS[2], alpha=alpha, linewidth=0, label=name)
+        inset.plot(points[:, 0], points[:, 1], color=_COLOURS[2], linewidth=1.0)
+        axes.plot(
+            fix.position_m[0] + points[:, 0], fix.position_m[1] + points[:, 1], color=_COLOURS[2], linewidth=0.8
+        )
+    inset.plot([0.0], [0.0], "*", color=_COLOURS[2], markersize=10, markeredgecolor="white")
+    reach = 1.25 * max(curves[0][0].semi_major_m, 1e-9)
+    inset.set_xlim(-reach, reach)
+    inset.set_ylim(-reach, reach)
+    inset.tick_params(labelsize=7, colors=_INK)
+    inset.grid(True, color=_PALE, linewidth=0.4)
+    inset.set_title("error [m]", fontsize=8, color=_INK, loc="left")
+    inset.legend(fontsize=7, loc="lower right", frameon=False)

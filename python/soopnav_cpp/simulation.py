@@ -1,0 +1,168 @@
+"""What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss.
+
+Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives the
+same samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp._core import simulation as _simulation
+
+__all__ = [
+    "add_awgn",
+    "apply_cfo",
+    "apply_clock_error",
+    "apply_taps",
+    "free_space_path_loss_db",
+    "friis_received_power_dbm",
+    "log_distance_path_loss_db",
+    "mean_power",
+    "noise_variance_for_element_snr",
+    "noise_variance_for_snr",
+    "thermal_noise_dbm",
+]
+
+_Iq = npt.NDArray[np.complex64]
+
+
+def add_awgn(iq: _Iq, variance: float, *, seed: int, stream: int = 0) -> _Iq:
+    """Add circular white Gaussian noise.
+
+    Parameters
+    ----------
+    iq : ndarray, shape (n,), complex64
+    variance : float
+        Of a complex sample, E|noise|².
+    seed, stream : int
+        Name the noise; streams of one seed are independent.
+
+    Returns
+    -------
+    ndarray, shape (n,), complex64
+    """
+    return _simulation.add_awgn(iq, variance, seed=seed, stream=stream)
+
+
+def apply_cfo(iq: _Iq, cfo_hz: float, sample_rate_hz: float, *, phase_rad: float = 0.0) -> _Iq:
+    """Move the carrier: positive moves the spectrum up.
+
+    Parameters
+    ----------
+    iq : ndarray, shape (n,), complex64
+    cfo_hz, sample_rate_hz : float
+    phase_rad : float
+        At the first sample.
+
+    Returns
+    -------
+    ndarray, shape (n,), complex64
+    """
+    return _simulation.apply_cfo(iq, cfo_hz, sample_rate_hz, phase_rad=phase_rad)
+
+
+def apply_clock_error(iq: _Iq, clock_error_ppm: float) -> _Iq:
+    """Sample a transmitter whose clock is off; the carrier is not moved.
+
+    Parameters
+    ----------
+    iq : ndarray, shape (n,), complex64
+    clock_error_ppm : float
+        Positive when the transmitter's clock runs fast relative to the receiver's: its frames are short in samples.
+
+    Returns
+    -------
+    ndarray, shape (m,), complex64
+        One sample for every time before the input's end.
+    """
+    return _simulation.apply_clock_error(iq, clock_error_ppm)
+
+
+def apply_taps(iq: _Iq, sample_rate_hz: float, taps: Sequence[tuple[float, complex]]) -> _Iq:
+    """Sum of several paths.
+
+    Parameters
+    ----------
+    iq : ndarray, shape (n,), complex64
+    sample_rate_hz : float
+    taps : sequence of (delay_s, gain)
+        Delays may be any fraction of a sample; gains are complex amplitudes at baseband.
+
+    Returns
+    -------
+    ndarray, shape (n,), complex64
+        Zero outside the capture.
+    """
+    return _simulation.apply_taps(iq, sample_rate_hz, list(taps))
+
+
+def mean_power(iq: _Iq) -> float:
+    """Mean of ``|iq|²``; 0 for no samples."""
+    return _simulation.mean_power(iq)
+
+
+def noise_variance_for_snr(signal_power: float, snr_db: float) -> float:
+    """Noise variance per sample that stands `snr_db` below a signal of `signal_power` per sample."""
+    return _simulation.noise_variance_for_snr(signal_power, snr_db)
+
+
+def noise_variance_for_element_snr(
+    snr_db: float, *, element_power: float = 1.0, transform_gain: float = 1.0
+) -> float:
+    """Noise variance per sample that gives `snr_db` in each OFDM resource element.
+
+    Parameters
+    ----------
+    snr_db : float
+    element_power : float
+        Behind the transform.
+    transform_gain : float
+        1 for a unitary transform of N points, N for an unscaled one, 1/N for one divided by N.
+    """
+    return _simulation.noise_variance_for_element_snr(
+        snr_db, element_power=element_power, transform_gain=transform_gain
+    )
+
+
+def free_space_path_loss_db(distance_m: float, frequency_hz: float) -> float:
+    """Free-space path loss (ITU-R P.525-4, equation 4)."""
+    return _simulation.free_space_path_loss_db(distance_m, frequency_hz)
+
+
+def log_distance_path_loss_db(
+    distance_m: float, *, exponent: float, reference_distance_m: float, reference_loss_db: float
+) -> float:
+    """Log-distance path loss: the loss at a reference distance, and 10·exponent dB per decade beyond."""
+    return _simulation.log_distance_path_loss_db(
+        distance_m,
+        exponent=exponent,
+        reference_distance_m=reference_distance_m,
+        reference_loss_db=reference_loss_db,
+    )
+
+
+def friis_received_power_dbm(
+    *,
+    transmit_power_dbm: float,
+    distance_m: float,
+    frequency_hz: float,
+    transmit_gain_dbi: float = 0.0,
+    receive_gain_dbi: float = 0.0,
+) -> float:
+    """Power received over free space (Friis)."""
+    return _simulation.friis_received_power_dbm(
+        transmit_power_dbm=transmit_power_dbm,
+        transmit_gain_dbi=transmit_gain_dbi,
+        receive_gain_dbi=receive_gain_dbi,
+        distance_m=distance_m,
+        frequency_hz=frequency_hz,
+    )
+
+
+def thermal_noise_dbm(bandwidth_hz: float, noise_figure_db: float = 0.0) -> float:
+    """Thermal noise of a receiver at 290 K: -173.98 dBm in 1 Hz."""
+    return _simulation.thermal_noise_dbm(bandwidth_hz, noise_figure_db)
