@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["position_map", "scan"]
+__all__ = ["ellipse_points", "position_map", "scan"]
 
 _COLOURS = ("#1b6ca8", "#d1495b", "#2e933c", "#8f5db7", "#e08e1b", "#00798c", "#7a5c45", "#5c677d")
 _INK, _PALE = "#22303c", "#c5ced6"
@@ -111,11 +111,11 @@ def scan(
             axes,
             "Impulse responses" if row == 0 else "",
             "delay after the first path [µs]" if last else "",
-            "power [dB]",
+            "power [dB]" if row == len(shown) // 2 else "",
         )
         _draw_response(axes, detection, arrival, _colour(detections, detection))
         axes.set_xlim(-1.5, max(4.0, 1.3 * span))
-        axes.set_ylim(-42.0, 5.0)
+        axes.set_ylim(-42.0, 4.0 + 5.0 * len(shown))  # room for the line of text
         axes.set_yticks([-40, -20, 0])
         axes.tick_params(labelbottom=last)
     return _save(figure, path)
@@ -163,27 +163,29 @@ def _draw_correlation(
         base = dsp.resample(base, sample_rate_hz, _BASE_RATE_HZ)
     shares = _pss_correlation(base)
     times_ms = np.arange(_HALF_FRAME) / _BASE_RATE_HZ * 1e3
-    for n_id_2, (share, shade) in enumerate(zip(shares, ("#5b7083", "#93a4b1", "#c08457"), strict=True)):
+    for n_id_2, (share, shade) in enumerate(zip(shares, ("#5b7083", "#7fa8c9", "#c9a27f"), strict=True)):
         axes.plot(times_ms, share, linewidth=0.7, color=shade, label=f"N_ID_2 = {n_id_2}")
     top = float(shares.max())
+    marks = []
     for index, detection in enumerate(detections):
         start = round(detection.frame_start_s * _BASE_RATE_HZ) + _pss_offset_samples(detection)
         near = (start + np.arange(-4, 5)) % _HALF_FRAME
         height = float(shares[detection.cell_id % 3][near].max())
+        marks.append((float(times_ms[start % _HALF_FRAME]), height, f"cell {detection.cell_id}", index))
+    below: list[tuple[float, float]] = []  # labels so far: time, height
+    for x, height, label, index in sorted(marks, key=lambda mark: mark[1]):
         colour = _COLOURS[index % len(_COLOURS)]
-        x = float(times_ms[start % _HALF_FRAME])
-        axes.plot([x], [height], "o", color=colour, markersize=5, markeredgecolor="white")
+        axes.plot([x], [height], "o", color=colour, markersize=5, markeredgecolor="white", zorder=3)
+        # Labels of cells at nearly one time stand above each other.
+        y = max([height] + [old + 0.075 * top for when, old in below if abs(when - x) < 0.3])
+        below.append((x, y))
         axes.annotate(
-            f"cell {detection.cell_id}",
-            (x, height),
-            xytext=(5, 4 + 11 * (index % 2)),
-            textcoords="offset points",
-            fontsize=8.5,
-            color=colour,
-            fontweight="bold",
-        )
+            label, (x, y), xytext=(7, -2), textcoords="offset points", fontsize=8.5, color=colour, fontweight="bold",
+            zorder=4, bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75},
+        )  # fmt: skip
     axes.set_xlim(0.0, 5.0)
-    axes.set_ylim(0.0, 1.22 * top if top > 0.0 else 1.0)
+    highest = max([top] + [y for _, y in below])
+    axes.set_ylim(0.0, 1.18 * highest if highest > 0.0 else 1.0)
     axes.legend(loc="upper right", fontsize=8, frameon=False, ncols=3)
     folds = min(_MOST_HALF_FRAMES, max(1, base.size // _HALF_FRAME))
     _style(
@@ -254,7 +256,7 @@ def _draw_response(axes: Axes, detection: lte.Detection, arrival: lte.TimeOfArri
     toa_s, sigma_s = lte.arrival_at(arrival)
     axes.text(
         0.99,
-        0.94,
+        0.97,
         f"cell {detection.cell_id}   first path {1e3 * toa_s:.6f} ms ± {sigma_s * 299_792_458.0:.2g} m",
         ha="right",
         va="top",
@@ -276,7 +278,7 @@ def position_map(
     title: str = "",
     path: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a position among its nodes, with its ellipse in a magnified inset.
+    """Draw a position among its nodes, its error ellipse, and what each node's arrival has left over.
 
     Parameters
     ----------
@@ -296,22 +298,27 @@ def position_map(
     """
     nodes = np.asarray(nodes_enu_m, dtype=np.float64).reshape(-1, 3)
     here = fix.position_m
-    figure = _figure(9.6, 7.2)
-    axes = figure.add_subplot()
+    figure = _figure(10.4, 6.6)
+    grid = figure.add_gridspec(2, 2, width_ratios=(3.2, 1.0), height_ratios=(1.15, 1.0))
+    axes = figure.add_subplot(grid[:, 0])
     _style(axes, title, "east [m]", "north [m]")
     axes.set_aspect("equal", adjustable="datalim")
     used = fix.used
+    everything = np.vstack([nodes[:, :2], here[None, :2], fix.alternatives_m[:, :2]])
+    low, high = everything.min(axis=0), everything.max(axis=0)
     for node, label, taken in zip(nodes, labels, used, strict=True):
         colour = _COLOURS[0] if taken else _COLOURS[1]
         axes.plot([here[0], node[0]], [here[1], node[1]], color=colour, linewidth=0.8, alpha=0.35, zorder=1)
         axes.plot(
-            [node[0]], [node[1]], "^", markersize=11, color=colour, markeredgecolor="white", zorder=3,
-            fillstyle="full" if taken else "none",
+            [node[0]], [node[1]], "^", markersize=11, color=colour if taken else "white",
+            markeredgecolor="white" if taken else colour, markeredgewidth=1.0 if taken else 1.8, zorder=3,
         )  # fmt: skip
         axes.annotate(
-            label if taken else f"{label} (rejected)",
+            (label if taken else f"{label} (rejected)").replace(" (", "\n("),
             (node[0], node[1]),
-            xytext=(9, 6),
+            xytext=(10, 0) if node[0] > here[0] else (-10, 0),
+            ha="left" if node[0] > here[0] else "right",
+            va="center",
             textcoords="offset points",
             fontsize=9,
             color=colour,
@@ -321,15 +328,15 @@ def position_map(
         axes.annotate("fits as well", (other[0], other[1]), xytext=(8, -12), textcoords="offset points", fontsize=9)
     axes.plot([here[0]], [here[1]], "*", color=_COLOURS[2], markersize=17, markeredgecolor="white", zorder=4)
     axes.annotate(
-        "receiver", (here[0], here[1]), xytext=(11, -14), textcoords="offset points", fontsize=9.5, fontweight="bold",
-        color=_COLOURS[2],
+        "receiver", (here[0], here[1]), xytext=(0, -20), textcoords="offset points", fontsize=9.5, fontweight="bold",
+        color=_COLOURS[2], ha="center",
     )  # fmt: skip
-    everything = np.vstack([nodes[:, :2], here[None, :2], fix.alternatives_m[:, :2]])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = max(10.0, 0.12 * float((high - low).max()))
-    axes.set_xlim(low[0] - margin, high[0] + margin)
-    axes.set_ylim(low[1] - margin, high[1] + margin)
-    _draw_ellipse(axes, fix)
+    # Unseen corners that leave room around it all, and around a receiver among nodes that are near.
+    margin = max(10.0, 0.15 * float((high - low).max())) * np.array([2.2, 1.0])
+    axes.plot(*np.stack([low - margin, high + margin], axis=1), linestyle="none")
+    axes.margins(0.0)
+    _draw_ellipse(figure.add_subplot(grid[0, 1]), axes, fix)
+    _draw_residuals(figure.add_subplot(grid[1, 1]), fix, labels)
     return _save(figure, path)
 
 
@@ -341,13 +348,13 @@ def ellipse_points(ellipse: estimation.ErrorEllipse) -> npt.NDArray[np.float64]:
     return np.stack([c * major - s * minor, s * major + c * minor], axis=1)
 
 
-def _draw_ellipse(axes: Axes, fix: PositionFix) -> None:
+def _draw_ellipse(inset: Axes, axes: Axes, fix: PositionFix) -> None:
+    """The error alone in `inset`, and true to scale on the map."""
     covariance = fix.covariance_m2[:2, :2]
+    _style(inset, "Error", "east [m]", "north [m]")
+    inset.set_aspect("equal", adjustable="datalim")
     if not np.isfinite(covariance).all():
         return
-    inset: Any = axes.inset_axes((0.70, 0.68, 0.29, 0.30))
-    inset.set_aspect("equal", adjustable="datalim")
-    inset.set_facecolor("#f7f9fb")
     curves = (
         (estimation.error_ellipse(covariance, probability=0.95), "95 %", 0.15),
         (estimation.error_ellipse(covariance), "1σ", 0.35),
@@ -360,10 +367,25 @@ def _draw_ellipse(axes: Axes, fix: PositionFix) -> None:
             fix.position_m[0] + points[:, 0], fix.position_m[1] + points[:, 1], color=_COLOURS[2], linewidth=0.8
         )
     inset.plot([0.0], [0.0], "*", color=_COLOURS[2], markersize=10, markeredgecolor="white")
-    reach = 1.25 * max(curves[0][0].semi_major_m, 1e-9)
-    inset.set_xlim(-reach, reach)
-    inset.set_ylim(-reach, reach)
-    inset.tick_params(labelsize=7, colors=_INK)
-    inset.grid(True, color=_PALE, linewidth=0.4)
-    inset.set_title("error [m]", fontsize=8, color=_INK, loc="left")
-    inset.legend(fontsize=7, loc="lower right", frameon=False)
+    inset.margins(0.15)
+    inset.legend(fontsize=7.5, loc="upper right", frameon=False)
+
+
+def _draw_residuals(axes: Axes, fix: PositionFix, labels: Sequence[str]) -> None:
+    """A bar for each node, and the gate within which it has to lie."""
+    rows = np.arange(len(labels))
+    residuals, gates = fix.residuals_m, fix.gates_m
+    colours = [_COLOURS[0] if taken else _COLOURS[1] for taken in fix.used]
+    axes.barh(rows, np.nan_to_num(residuals), height=0.55, color=colours)
+    for sign in (-1.0, 1.0):
+        axes.plot(sign * gates, rows, "|", color=_INK, markersize=11)
+    axes.axvline(0.0, color=_INK, linewidth=0.8)
+    axes.set_xscale("symlog", linthresh=1.0)
+    reach = np.nanmax(np.concatenate([[1.0], np.abs(residuals), gates]))
+    axes.set_xlim(-2.0 * reach, 2.0 * reach)
+    ticks = [t for t in (-1000.0, -10.0, -1.0, 0.0, 1.0, 10.0, 1000.0) if abs(t) <= 2.0 * reach]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.minorticks_off()
+    axes.set_yticks(rows, [label.split(" (")[0] for label in labels])
+    axes.invert_yaxis()
+    _style(axes, "Residuals", "measured minus predicted, | gate [m]", "")

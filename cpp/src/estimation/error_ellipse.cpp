@@ -13,17 +13,21 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // P(|x| < r) for standard deviations `major` >= `minor` >= 0, major > 0. In the whitened plane the direction is
-// uniform and the length Rayleigh, so P = 1 - mean over the direction of exp(-r² / 2 s²), s² the variance along it. The
-// integrand is smooth and of period pi, so equal steps converge faster than any power of their number.
+// uniform and the length Rayleigh, so P = 1 - mean over the direction of exp(-r² / 2 s²), s² the variance along it
+// (doc/position_fix.md eq. 14). The integrand is smooth and of period pi, so equal steps converge faster than any power
+// of their number. Where the ellipse is thin or the circle small it changes fast about the short axis; the variable
+// phi, tan(direction) = k tan(phi), spreads it out and keeps the period.
 double probability_of_axes(double major, double minor, double radius) {
   constexpr int kSteps = 256;
   const double q = 0.5 * radius * radius;
+  const double k = std::max(1.0, major / std::max(minor, radius));
   double sum = 0.0;
   for (int i = 0; i < kSteps; ++i) {
-    const double angle = std::numbers::pi * (i + 0.5) / kSteps;
-    const double c = major * std::cos(angle);
-    const double s = minor * std::sin(angle);
-    sum += -std::expm1(-q / (c * c + s * s));
+    const double phi = std::numbers::pi * (i + 0.5) / kSteps;
+    const double c2 = std::pow(std::cos(phi), 2);
+    const double s2 = std::pow(k * std::sin(phi), 2);
+    const double variance = (major * major * c2 + minor * minor * s2) / (c2 + s2);
+    sum += -std::expm1(-q / variance) * k / (c2 + s2);
   }
   return sum / kSteps;
 }

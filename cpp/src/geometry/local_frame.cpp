@@ -64,29 +64,29 @@ LocalFrame::LocalFrame(const Geodetic& origin, LocalAxes axes)
     : origin_(checked(origin)),
       axes_(axes),
       origin_p_e_(geodetic_to_ecef(origin)),
-      T_l_e_(axes == LocalAxes::kEnu ? rotation_ecef_to_enu(origin.latitude_rad, origin.longitude_rad)
-                                     : rotation_ecef_to_ned(origin.latitude_rad, origin.longitude_rad)) {}
+      rotation_(axes == LocalAxes::kEnu ? rotation_ecef_to_enu(origin.latitude_rad, origin.longitude_rad)
+                                        : rotation_ecef_to_ned(origin.latitude_rad, origin.longitude_rad)) {}
 
 Eigen::Vector3d LocalFrame::position_from_ecef(const Eigen::Vector3d& p_e) const noexcept {
-  return T_l_e_ * (p_e - origin_p_e_);
+  return rotation_ * (p_e - origin_p_e_);
 }
 
 Eigen::Vector3d LocalFrame::position_to_ecef(const Eigen::Vector3d& p_l) const noexcept {
-  return origin_p_e_ + T_l_e_.transpose() * p_l;
+  return origin_p_e_ + rotation_.transpose() * p_l;
 }
 
-Eigen::Vector3d LocalFrame::velocity_from_ecef(const Eigen::Vector3d& v_e) const noexcept { return T_l_e_ * v_e; }
+Eigen::Vector3d LocalFrame::velocity_from_ecef(const Eigen::Vector3d& v_e) const noexcept { return rotation_ * v_e; }
 
 Eigen::Vector3d LocalFrame::velocity_to_ecef(const Eigen::Vector3d& v_l) const noexcept {
-  return T_l_e_.transpose() * v_l;
+  return rotation_.transpose() * v_l;
 }
 
 Eigen::Matrix3d LocalFrame::covariance_from_ecef(const Eigen::Matrix3d& P_e) const noexcept {
-  return rotated(T_l_e_, P_e);
+  return rotated(rotation_, P_e);
 }
 
 Eigen::Matrix3d LocalFrame::covariance_to_ecef(const Eigen::Matrix3d& P_l) const noexcept {
-  return rotated(T_l_e_.transpose(), P_l);
+  return rotated(rotation_.transpose(), P_l);
 }
 
 Eigen::Vector3d LocalFrame::position_from_geodetic(const Geodetic& place) const noexcept {

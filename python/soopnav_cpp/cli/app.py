@@ -20,6 +20,14 @@ __all__ = ["cli"]
 _P = ParamSpec("_P")
 
 
+_LEAST_WIDTH = 110  # of a table: a narrow terminal wraps its lines, and a pipe has no width
+
+
+def _stdout() -> Console:
+    console = Console()
+    return console if console.width >= _LEAST_WIDTH else Console(width=_LEAST_WIDTH)
+
+
 class _Refusal(click.ClickException):
     """Bad input: the sentence alone on stderr, exit code 2."""
 
@@ -60,8 +68,7 @@ def _capture_options(command: Callable[_P, None]) -> Callable[_P, None]:
             type=float,
             metavar="HZ",
             default=150e3,
-            show_default="150000",
-            help="Carrier offsets searched, to either side.",
+            help="Carrier offsets searched, to either side.  [default: 150e3]",
         ),
     )
     for option in reversed(options):
@@ -125,12 +132,12 @@ def scan(
     if as_json:
         click.echo(json.dumps(work.as_json(result), indent=2, allow_nan=False))
         return
-    work.print_table(result, Console())
+    work.print_table(result, _stdout())
     if plot is not None:
         click.echo(f"plot: {plot}")
 
 
-@cli.command()
+@cli.command(short_help="Find where CAPTURE was recorded.")
 @click.argument("capture", type=click.Path(path_type=Path))
 @click.option(
     "--nodes", type=click.Path(path_type=Path), required=True, metavar="TOML", help="Where the cells stand."
@@ -181,7 +188,7 @@ def locate(
     if as_json:
         click.echo(json.dumps(work.as_json(result), indent=2, allow_nan=False))
         return
-    work.print_result(result, Console())
+    work.print_result(result, _stdout())
     click.echo(f"report: {report}")
 
 

@@ -113,7 +113,7 @@ def print_table(result: Scan, console: Console) -> None:
     """The table a person reads."""
     console.print(header(result.metadata), highlight=False, soft_wrap=True)
     if result.cells:
-        table = Table(box=None, pad_edge=False, padding=(0, 1), header_style="bold")
+        table = Table(box=None, padding=(0, 1), header_style="bold")
         for name, justify in (
             ("cell", "right"),
             ("duplex", "left"),
@@ -139,8 +139,7 @@ def print_table(result: Scan, console: Console) -> None:
                 f"{text.plain(detection.snr_db, 1)} dB",
                 f"{text.milliseconds(toa[0])} ± {text.metres(toa[1] * text.SPEED_OF_LIGHT_MPS)}" if toa else "not resolved",
             )
-        # A pipe has no width: never cut a line.
-        console.print(table, highlight=False, soft_wrap=not console.is_terminal, width=None if console.is_terminal else 160)
+        console.print(table, highlight=False)
     count = len(result.cells)
     cells = "no cells" if count == 0 else "1 cell" if count == 1 else f"{count} cells"
     speed = result.metadata.duration_s / result.elapsed_s

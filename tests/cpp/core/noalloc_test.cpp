@@ -42,7 +42,8 @@ TEST(CoreNoAlloc, ObservationsAndEpochs) {
               for (std::uint32_t i = 0; i < 16; ++i) EXPECT_TRUE(observation.append(1.0 * i, 1.0 + i, SourceId{i}));
               const auto differences = observation.minus_reference(SourceId{3});
               ASSERT_TRUE(differences);
-              const Observation copy = *differences;
+              Observation copy;
+              copy = *differences;
               EXPECT_EQ(copy.size(), 15);
               Observation full;
               const std::array<SourceId, 2> sources{SourceId{1}, SourceId{2}};

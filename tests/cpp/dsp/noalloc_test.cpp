@@ -63,13 +63,15 @@ int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
 }
 }
 #else
-void* operator new(std::size_t size) {
+// Out of line, or GCC takes the inlined halves for a mismatch.
+#define SOOPNAV_NOINLINE __attribute__((noinline))
+SOOPNAV_NOINLINE void* operator new(std::size_t size) {
   ++allocations;
   if (void* memory = std::malloc(size)) return memory;
   throw std::bad_alloc();
 }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+SOOPNAV_NOINLINE void operator delete(void* memory) noexcept { std::free(memory); }
+SOOPNAV_NOINLINE void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 #endif
 
 namespace soopnav::dsp {

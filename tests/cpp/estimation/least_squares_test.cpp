@@ -119,15 +119,26 @@ TEST(Solve, MixesGroupsOfDifferentModels) {
   EXPECT_EQ(r.normalized_residuals.norm(), 0.0);
 }
 
-TEST(Solve, ConvergesFromFarAway) {
+TEST(Solve, ConvergesFromOutsideTheSources) {
   const State truth = make({100, -50, 20}, 1234.0);
   for (const Eigen::Vector3d& far :
-       {Eigen::Vector3d(5e4, 0, 0), Eigen::Vector3d(-2e4, 3e4, 1e3), Eigen::Vector3d(1e3, 1e3, 1e4)}) {
-    const auto r = solve(make(far, -3e4), {.max_iterations = 200}, observe(truth));
+       {Eigen::Vector3d(3e3, 0, 0), Eigen::Vector3d(-2e3, 2.5e3, -1e3), Eigen::Vector3d(1e3, 1e3, -4e3)}) {
+    const auto r = solve(make(far, 0.0), {}, observe(truth));
     EXPECT_EQ(r.status, SolveStatus::kConverged) << far.transpose();
-    // It ends in one of the two valleys of this geometry; the sum of squares tells which.
-    if (r.chi_square < 1e-6) {
-      EXPECT_NEAR((r.state.x - truth.x).norm(), 0.0, 1e-6);
+    EXPECT_NEAR((r.state.x - truth.x).norm(), 0.0, 1e-6) << far.transpose();
+  }
+}
+
+TEST(Solve, DoesNotClaimAPointInAValleyWithoutAFloor) {
+  // From 50 km the sum of squares falls towards infinity: that is no solution, and the status says so.
+  const State truth = make({100, -50, 20}, 1234.0);
+  for (const Eigen::Vector3d& far : {Eigen::Vector3d(5e4, 0, 0), Eigen::Vector3d(-2e4, 3e4, 1e3)}) {
+    const auto r = solve(make(far, -3e4), {.max_iterations = 200}, observe(truth));
+    if (r.status == SolveStatus::kConverged) {
+      EXPECT_NEAR((r.state.x - truth.x).norm(), 0.0, 1e-6) << far.transpose();
+    } else {
+      EXPECT_EQ(r.status, SolveStatus::kNotConverged) << far.transpose();
+      EXPECT_GT(r.chi_square, 1.0) << far.transpose();
     }
   }
 }

@@ -534,7 +534,7 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
   const double enough = options.step_tolerance * options.step_tolerance;
   while (!converged && result.iterations < options.max_iterations && damping <= kLargestDamping && rows >= kDim) {
     Vector diagonal = here->A.diagonal();
-    const double floor = 1e-12 * diagonal.maxCoeff();
+    const double floor = 1e-6 * diagonal.maxCoeff();
     diagonal = diagonal.cwiseMax(floor > 0.0 ? floor : 1.0);
     Square damped = here->A;
     damped.diagonal() += damping * diagonal;
@@ -568,12 +568,12 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
   result.degrees_of_freedom = rows - result.rank;
   if (rows < kDim) {
     result.status = SolveStatus::kTooFewMeasurements;
-  } else if (result.rank < kDim) {
-    result.status = SolveStatus::kRankDeficient;
+  } else if (!converged) {
+    result.status = SolveStatus::kNotConverged;
   } else {
-    result.status = converged ? SolveStatus::kConverged : SolveStatus::kNotConverged;
-    result.covariance = conditioning.covariance;
+    result.status = result.rank < kDim ? SolveStatus::kRankDeficient : SolveStatus::kConverged;
   }
+  result.covariance = conditioning.covariance;
 
   detail::Stack<State, MaxRows> plain;
   equations.read(result.state, plain);

@@ -48,7 +48,7 @@ class LocalFrame {
   [[nodiscard]] const Eigen::Vector3d& origin_ecef() const noexcept { return origin_p_e_; }  ///< [m]
   [[nodiscard]] LocalAxes axes() const noexcept { return axes_; }
   /// T_l_e: maps ECEF coordinates of a vector to those of this frame.
-  [[nodiscard]] const Eigen::Matrix3d& rotation_from_ecef() const noexcept { return T_l_e_; }
+  [[nodiscard]] const Eigen::Matrix3d& rotation_from_ecef() const noexcept { return rotation_; }
 
   /// Position: p_l = T_l_e (p_e - origin).
   [[nodiscard]] Eigen::Vector3d position_from_ecef(const Eigen::Vector3d& p_e) const noexcept;
@@ -73,7 +73,7 @@ class LocalFrame {
   Geodetic origin_;
   LocalAxes axes_;
   Eigen::Vector3d origin_p_e_;
-  Eigen::Matrix3d T_l_e_;
+  Eigen::Matrix3d rotation_;
 };
 
 }  // namespace soopnav::geometry

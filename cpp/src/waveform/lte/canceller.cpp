@@ -6,6 +6,7 @@
 #include "soopnav/waveform/lte/sequences.hpp"
 #include "waveform/lte/frame_layout.hpp"
 #include "waveform/lte/kernels.hpp"
+#include "waveform/lte/synthesis_grid.hpp"
 
 namespace soopnav::lte {
 
@@ -39,7 +40,12 @@ Canceller::Canceller()
       bins_(kSearchFft),
       symbol_(kSearchFft),
       rotator_(kSearchFft + 32) {
-  for (int offset = 0; offset < 3; ++offset) comb_.emplace_back(comb_frequencies(offset), kEarliestS, kLatestS, kFloor);
+  Eigen::VectorXd all(kCentral);
+  for (int k = 0; k < kCentral; ++k) all(k) = k < kCentral / 2 ? k - kCentral / 2 : k - kCentral / 2 + 1;
+  for (int offset = 0; offset < 3; ++offset) {
+    comb_.emplace_back(comb_frequencies(offset), kEarliestS, kLatestS, kFloor);
+    comb_.back().set_targets(all);
+  }
 }
 
 // Takes the symbol whose subcarriers lie in bins_ (a unitary transform's, phases referred to the useful part's start)
@@ -135,6 +141,64 @@ void Canceller::subtract(const LinkState& state, const CrsTracker& tracker, std:
         subtract_symbol(tracker.useful_start(state, frame, slot, symbol),
                         cyclic_prefix_samples(cell.cp, symbol, kSearchFft), state.frequency, iq);
       }
+    }
+  }
+}
+
+void Canceller::subtract_pbch(const LinkState& state, const CrsTracker& tracker, const MasterInformationBlock& mib,
+                              std::span<Cf32> iq) {
+  const CrsCell& cell = tracker.cell();
+  CellParameters sent;
+  sent.cell_id = cell.cell_id;
+  sent.n_rb = mib.n_rb;
+  sent.n_ports = cell.n_ports;
+  sent.cp = cell.cp;
+  sent.extended_phich = mib.extended_phich;
+  sent.phich_resource = mib.phich_resource;
+  sent.data_load = 0.0;
+  grid_.resize(detail::grid_size(sent));
+  const int symbols = 2 * symbols_per_slot(cell.cp), width = 12 * mib.n_rb, first = 6 * mib.n_rb - kCentral / 2;
+  const DelaySubspace& subspace = comb_[static_cast<std::size_t>(tracker.first_offset())];
+  std::array<std::array<Cf32, kCentral>, kMaxPorts> channel;
+  std::array<std::array<Cf32, kCentral>, 4> predicted;
+  std::array<Cf32, kCentral> received;
+  demodulator_.set_frequency(state.frequency);
+  for (std::size_t f = 0; f < tracker.frames().size(); ++f) {
+    const int frame = tracker.frames()[f].index;
+    detail::fill_grid(sent, (((mib.sfn + frame) % 1024) + 1024) % 1024, 0, 0, grid_);
+    for (int port = 0; port < cell.n_ports; ++port) {
+      subspace.interpolate(tracker.channel(f, port), channel[static_cast<std::size_t>(port)].data());
+    }
+    // The PBCH's power beside that of the reference signals is the operator's choice: one factor for the frame.
+    double cross = 0.0, power = 0.0;
+    for (int symbol = 0; symbol < 4; ++symbol) {
+      auto& x = predicted[static_cast<std::size_t>(symbol)];
+      x.fill({});
+      for (int port = 0; port < cell.n_ports; ++port) {
+        const int row = (port * symbols + symbols / 2 + symbol) * width + first;
+        for (int k = 0; k < kCentral; ++k) {
+          if ((k - tracker.first_offset()) % 3 == 0 && symbol < 2) continue;  // reference elements have gone already
+          x[static_cast<std::size_t>(k)] +=
+              kernels::multiply(channel[static_cast<std::size_t>(port)][static_cast<std::size_t>(k)],
+                                grid_[static_cast<std::size_t>(row + k)]);
+        }
+      }
+      if (!demodulator_.transform(iq, tracker.useful_start(state, frame, 1, symbol), kBack)) continue;
+      demodulator_.subcarriers(kCentral / 2, received.data());
+      cross += static_cast<double>(kernels::dot_conj(received.data(), x.data(), kCentral).real());
+      power += kernels::energy(x.data(), kCentral);
+    }
+    if (!(power > 0.0)) continue;
+    const auto factor = static_cast<float>(std::clamp(cross / power, 0.0, 2.0));
+    for (int symbol = 0; symbol < 4; ++symbol) {
+      std::fill(bins_.begin(), bins_.end(), Cf32{});
+      for (int k = 0; k < kCentral; ++k) {
+        const int bin = k < kCentral / 2 ? kSearchFft - kCentral / 2 + k : k - kCentral / 2 + 1;
+        bins_[static_cast<std::size_t>(bin)] =
+            factor * predicted[static_cast<std::size_t>(symbol)][static_cast<std::size_t>(k)];
+      }
+      subtract_symbol(tracker.useful_start(state, frame, 1, symbol), cyclic_prefix_samples(cell.cp, symbol, kSearchFft),
+                      state.frequency, iq);
     }
   }
 }

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "soopnav/waveform/lte/pbch.hpp"
 #include "waveform/lte/cell_test.hpp"
 #include "waveform/lte/crs_tracker.hpp"
 #include "waveform/lte/delay_subspace.hpp"
@@ -9,8 +10,8 @@
 
 namespace soopnav::lte {
 
-/// Takes a found cell's known signals (PSS, SSS and reference signals of the central six resource blocks) out of a
-/// capture of 1.92 Msps, so that weaker cells below them can be searched.
+/// Takes a found cell's known signals out of a capture of 1.92 Msps, so that weaker cells below them can be searched:
+/// PSS, SSS, reference signals of the central six resource blocks and, once decoded, the PBCH.
 ///
 /// The synchronisation signals' channel is estimated in each half-frame anew, since their antenna port may change.
 class Canceller {
@@ -20,14 +21,20 @@ class Canceller {
   /// `tracker` has just read the cell out of `iq` under `state`.
   void subtract(const LinkState& state, const CrsTracker& tracker, std::span<Cf32> iq);
 
+  /// The broadcast channel as well; `mib.sfn` is that of frame 0 of `state`.
+  void subtract_pbch(const LinkState& state, const CrsTracker& tracker, const MasterInformationBlock& mib,
+                     std::span<Cf32> iq);
+
  private:
+  static constexpr int kCentral = 72;
+
   void subtract_symbol(double useful_start, int prefix, double frequency, std::span<Cf32> iq);
 
   Demodulator demodulator_;
   dsp::Fft inverse_;
   DelaySubspace sync_;
   std::vector<DelaySubspace> comb_;  // by the comb's lower shift 0 ... 2
-  std::vector<Cf32> bins_, symbol_, rotator_;
+  std::vector<Cf32> bins_, symbol_, rotator_, grid_;
 };
 
 /// Frequencies -31 ... -1, 1 ... 31 of the synchronisation signals.

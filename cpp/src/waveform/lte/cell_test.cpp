@@ -15,13 +15,13 @@ namespace {
 using kernels::multiply;
 using kernels::multiply_conj;
 
-constexpr int kDelays = 9;        // -4 ... 4 samples about the candidate
-constexpr int kOffsets = 17;      // carrier offsets about the candidate, 500 Hz apart
+constexpr int kDelays = 9;    // -4 ... 4 samples about the candidate
+constexpr int kOffsets = 17;  // carrier offsets about the candidate, 500 Hz apart
 constexpr double kOffsetStepHz = 500.0;
-constexpr int kPieces = 8;        // of 16 samples: carrier offsets within +-4 kHz barely turn inside one
-constexpr int kBack = 3;          // samples of cyclic prefix left before the window
+constexpr int kPieces = 8;  // of 16 samples: carrier offsets within +-4 kHz barely turn inside one
+constexpr int kBack = 3;    // samples of cyclic prefix left before the window
 constexpr int kCentral = 72;
-constexpr float kLeastZ = 3.9F;   // of the 2688 SSS hypotheses noise alone reaches this once in eight candidates
+constexpr float kLeastZ = 3.6F;  // of the 2688 SSS hypotheses, noise alone reaches this about once in two candidates
 
 CyclicPrefix cp_of(int mode) noexcept { return mode % 2 == 0 ? CyclicPrefix::kNormal : CyclicPrefix::kExtended; }
 Duplex duplex_of(int mode) noexcept { return mode < 2 ? Duplex::kFdd : Duplex::kTdd; }
@@ -42,7 +42,8 @@ void smooth(const Cf32* in, int n, int reach, Cf32* out) noexcept {
 }
 }  // namespace
 
-CellTest::CellTest() : demodulator_(kSearchFft), segment_fft_(kTransform, dsp::FftDirection::kForward) {
+CellTest::CellTest() : demodulator_(kSearchFft) {
+  for (int size = 32; size <= kTransform; size *= 2) segment_fft_.emplace_back(size, dsp::FftDirection::kForward);
   dsp::Fft symbol(kSearchFft, dsp::FftDirection::kInverse);
   for (int n_id_2 = 0; n_id_2 < 3; ++n_id_2) {
     auto& table = sss_[static_cast<std::size_t>(n_id_2)];
@@ -75,12 +76,15 @@ CellTest::CellTest() : demodulator_(kSearchFft), segment_fft_(kTransform, dsp::F
   for (const CyclicPrefix cp : {CyclicPrefix::kNormal, CyclicPrefix::kExtended}) {
     const int second = symbols_per_slot(cp) - 3;
     const double gap_s = (symbol_start_samples(cp, second, kSearchFft) + cyclic_prefix_samples(cp, second, kSearchFft) -
-                          cyclic_prefix_samples(cp, 0, kSearchFft)) / kBaseRateHz;
-    auto& turn = gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1];
-    for (int alias = -1; alias <= 1; ++alias) {
-      for (int b = 0; b < kTransform; ++b) {
-        const double hz = (b < kTransform / 2 ? b : b - kTransform) * 2000.0 / kTransform + 2000.0 * alias;
-        turn.push_back(cis(-hz * gap_s));
+                          cyclic_prefix_samples(cp, 0, kSearchFft)) /
+                         kBaseRateHz;
+    for (std::size_t plan = 0; plan < segment_fft_.size(); ++plan) {
+      const int size = segment_fft_[plan].size();
+      for (int alias = -1; alias <= 1; ++alias) {
+        for (int b = 0; b < size; ++b) {
+          const double hz = (b < size / 2 ? b : b - size) * 2000.0 / size + 2000.0 * alias;
+          gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1][plan].push_back(cis(-hz * gap_s));
+        }
       }
     }
   }
@@ -89,6 +93,7 @@ CellTest::CellTest() : demodulator_(kSearchFft), segment_fft_(kTransform, dsp::F
   series_.resize(kTransform);
   spectrum_a_.resize(kTransform);
   spectrum_b_.resize(kTransform);
+  bin_power_.resize(kTransform);
 }
 
 void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
@@ -116,7 +121,8 @@ void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
       std::array<Cf32, kPieces> piece;
       for (int p = 0; p < kPieces; ++p) {
         Cf32 sum{};
-        for (std::size_t n = static_cast<std::size_t>(16 * p), e = n + 16; n < e; ++n) sum += multiply(y[n], rotated[n]);
+        for (std::size_t n = static_cast<std::size_t>(16 * p), e = n + 16; n < e; ++n)
+          sum += multiply(y[n], rotated[n]);
         piece[static_cast<std::size_t>(p)] = sum;
       }
       for (std::size_t f = 0; f < kOffsets; ++f) {
@@ -144,7 +150,8 @@ void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
         const int from = d + shift;
         if (from < 0 || from >= kDelays) continue;
         for (int f = 0; f < kOffsets; ++f) {
-          sum[static_cast<std::size_t>(d)][static_cast<std::size_t>(f)] += static_cast<double>(power[from * kOffsets + f]);
+          sum[static_cast<std::size_t>(d)][static_cast<std::size_t>(f)] +=
+              static_cast<double>(power[from * kOffsets + f]);
         }
       }
     }
@@ -216,7 +223,7 @@ void CellTest::rank(IqSpan iq) {
   // Phase from half-frame to half-frame: the residual offset modulo 200 Hz, by the largest coherent sum.
   std::fill(series_.begin(), series_.end(), Cf32{});
   std::copy_n(sum_of.begin(), half_frames_, series_.begin());
-  segment_fft_.execute(series_.data(), spectrum_a_.data());
+  segment_fft_.back().execute(series_.data(), spectrum_a_.data());
   const auto top = std::max_element(spectrum_a_.begin(), spectrum_a_.end(),
                                     [](Cf32 a, Cf32 b) { return std::norm(a) < std::norm(b); });
   const auto bin = static_cast<int>(top - spectrum_a_.begin());
@@ -288,7 +295,8 @@ void CellTest::read_grid(IqSpan iq, int mode) {
   const double half_frame = tau_ - pss_in_half_frame(duplex_of(mode), cp);
   const double slot = 960.0 * (1.0 + drift_);
   grid_first_slot_ = static_cast<int>(std::ceil(-half_frame / slot));
-  grid_slots_ = std::max(0, static_cast<int>(std::floor((static_cast<double>(iq.size()) - half_frame) / slot)) - grid_first_slot_);
+  grid_slots_ = std::max(
+      0, static_cast<int>(std::floor((static_cast<double>(iq.size()) - half_frame) / slot)) - grid_first_slot_);
   grid_slots_ = std::min(grid_slots_, 16 * kSegmentSlots);
   grid_.resize(static_cast<std::size_t>(grid_slots_ * 2 * kCentral));
   grid_valid_.assign(static_cast<std::size_t>(grid_slots_ * 2), 0);
@@ -296,7 +304,8 @@ void CellTest::read_grid(IqSpan iq, int mode) {
   for (int s = 0; s < grid_slots_; ++s) {
     for (int which = 0; which < 2; ++which) {
       const int symbol = which == 0 ? 0 : symbols_per_slot(cp) - 3;
-      const double in_slot = symbol_start_samples(cp, symbol, kSearchFft) + cyclic_prefix_samples(cp, symbol, kSearchFft);
+      const double in_slot =
+          symbol_start_samples(cp, symbol, kSearchFft) + cyclic_prefix_samples(cp, symbol, kSearchFft);
       const double start = half_frame + (960.0 * (s + grid_first_slot_) + in_slot) * (1.0 + drift_);
       if (!demodulator_.transform(iq, start, kBack)) continue;
       demodulator_.subcarriers(kCentral / 2, grid_.data() + static_cast<std::size_t>((s * 2 + which) * kCentral));
@@ -305,7 +314,7 @@ void CellTest::read_grid(IqSpan iq, int mode) {
   }
 }
 
-bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
+bool CellTest::confirm(IqSpan iq, const Hypothesis& h, bool drift_known, ConfirmedCell& out) {
   read_grid(iq, h.mode);
   const CyclicPrefix cp = cp_of(h.mode);
   const int second = symbols_per_slot(cp) - 3;
@@ -329,8 +338,9 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
         if (slot_in_frame(s) != slot || grid_valid_[static_cast<std::size_t>(s * 2 + which)] == 0) continue;
         const Cf32* y = grid_.data() + static_cast<std::size_t>((s * 2 + which) * kCentral);
         Cf32* z = pilots_.data() + static_cast<std::size_t>((which * grid_slots_ + s) * kPilots);
-        for (int m = 0; m < kPilots; ++m) z[m] = multiply_conj(y[6 * m + first], reference[static_cast<std::size_t>(m)]);
-        for (int t = 0; t < kTaps; ++t) {
+        for (int m = 0; m < kPilots; ++m)
+          z[m] = multiply_conj(y[6 * m + first], reference[static_cast<std::size_t>(m)]);
+        for (int t = 1; t < kTaps - 1; ++t) {
           Cf32 sum{};
           for (int m = 0; m < kPilots; ++m) {
             sum += multiply(z[m], undo_[static_cast<std::size_t>(t * kCentral + 6 * m + first)]);
@@ -341,8 +351,6 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
     }
   }
 
-  const double bin_hz = 2000.0 / kTransform;
-  const auto& gap_turn = gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1];
   double total = 0.0, best_any = -1.0, best_hz = 0.0, best_delay = 0.0, best_slope = 0.0;
   int segments = 0;
   for (int begin = 0; begin < grid_slots_; begin += kSegmentSlots) {
@@ -366,33 +374,39 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, ConfirmedCell& out) {
     // What repeats from frame to frame (a stronger cell's reference signals do) adds up in step whatever the cell.
     const double repetition = paired > 0.0 ? std::min(1.0, static_cast<double>(std::abs(repeat)) / paired) : 0.0;
     const double penalty = 1.0 + std::max(0.0, count / 20.0 - 1.0) * repetition;
+    // Delay, drift of what is left (none where it is known or the segment is short) and frequency by a transform.
+    const int slopes = drift_known || count < 32 ? 0 : 1;
+    std::size_t plan = 0;
+    while (plan + 1 < segment_fft_.size() && segment_fft_[plan].size() < 2 * count) ++plan;
+    const int size = segment_fft_[plan].size();
+    const auto bins = static_cast<std::size_t>(size);
+    const Cf32* turns = gap_turn_[cp == CyclicPrefix::kNormal ? 0 : 1][plan].data();
     double best = -1.0;
-    for (int slope = -2; slope <= 2; ++slope) {
+    for (int slope = -slopes; slope <= slopes; ++slope) {
       for (int tap = 2; tap < kTaps - 2; ++tap) {
         for (int which = 0; which < 2; ++which) {
-          std::fill(series_.begin(), series_.end(), Cf32{});
           for (int s = 0; s < count; ++s) {
             const double share = count > 1 ? static_cast<double>(s) / (count - 1) - 0.5 : 0.0;
-            const int t = std::clamp(tap + static_cast<int>(std::lround(slope * share)), 0, kTaps - 1);
-            series_[static_cast<std::size_t>(s)] = taps_[static_cast<std::size_t>((which * kTaps + t) * grid_slots_ + begin + s)];
+            const int t = tap + (slope == 0 ? 0 : static_cast<int>(std::lround(2.0 * slope * share)));
+            series_[static_cast<std::size_t>(s)] =
+                taps_[static_cast<std::size_t>((which * kTaps + t) * grid_slots_ + begin + s)];
           }
-          segment_fft_.execute(series_.data(), which == 0 ? spectrum_a_.data() : spectrum_b_.data());
+          std::fill(series_.begin() + count, series_.begin() + size, Cf32{});
+          segment_fft_[plan].execute(series_.data(), which == 0 ? spectrum_a_.data() : spectrum_b_.data());
         }
         for (int alias = -1; alias <= 1; ++alias) {
-          for (int b = 0; b < kTransform; ++b) {
-            const Cf32 u = spectrum_a_[static_cast<std::size_t>(b)] +
-                           multiply(spectrum_b_[static_cast<std::size_t>(b)],
-                                    gap_turn[static_cast<std::size_t>((alias + 1) * kTransform + b)]);
-            const double p = static_cast<double>(std::norm(u));
-            if (p <= best) continue;
-            best = p;
-            if (p / energy / penalty > best_any) {
-              best_any = p / energy / penalty;
-              best_hz = (b < kTransform / 2 ? b : b - kTransform) * bin_hz + 2000.0 * alias;
-              best_slope = count > 1 ? slope / (960.0 * count) : 0.0;
-              best_delay = tap - kTaps / 2 - best_slope * 960.0 * (begin + count / 2 + grid_first_slot_);
-            }
-          }
+          kernels::power_of_sum(spectrum_a_.data(), spectrum_b_.data(), turns + (alias + 1) * size, bin_power_.data(),
+                                bins);
+          const auto p = static_cast<double>(kernels::maximum(bin_power_.data(), bins));
+          if (p <= best) continue;
+          best = p;
+          if (p / energy / penalty <= best_any) continue;
+          best_any = p / energy / penalty;
+          const int b =
+              static_cast<int>(std::max_element(bin_power_.begin(), bin_power_.begin() + size) - bin_power_.begin());
+          best_hz = (b < size / 2 ? b : b - size) * 2000.0 / size + 2000.0 * alias;
+          best_slope = count > 1 ? 2.0 * slope / (960.0 * count) : 0.0;
+          best_delay = tap - kTaps / 2 - best_slope * 960.0 * (begin + count / 2 + grid_first_slot_);
         }
       }
     }

@@ -77,7 +77,8 @@ bool CrsTracker::transmitted(int slot, int symbol) const noexcept {
 
 double CrsTracker::useful_start(const LinkState& state, int frame, int slot, int symbol) const noexcept {
   const int unit = fft_size_ / 128;
-  const int in_slot = symbol_start_samples(cell_.cp, symbol, fft_size_) + cyclic_prefix_samples(cell_.cp, symbol, fft_size_);
+  const int in_slot =
+      symbol_start_samples(cell_.cp, symbol, fft_size_) + cyclic_prefix_samples(cell_.cp, symbol, fft_size_);
   const double nominal = (static_cast<double>(frame) * kSlots + slot) * 960.0 * unit + in_slot;
   return state.frame_start + nominal * (1.0 + state.drift);
 }

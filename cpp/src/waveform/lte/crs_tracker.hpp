@@ -21,7 +21,7 @@ struct CrsCell {
   int cell_id = 0;
   CyclicPrefix cp = CyclicPrefix::kNormal;
   Duplex duplex = Duplex::kFdd;
-  int n_rb = 6;     ///< resource blocks used, at most the cell's
+  int n_rb = 6;  ///< resource blocks used, at most the cell's
   int n_ports = 1;
 };
 
@@ -38,18 +38,18 @@ class CrsTracker {
 
   /// One frame's average.
   struct Frame {
-    int index = 0;             // frame number, 0 starts at LinkState::frame_start
-    int symbols = 0;           // OFDM symbols that carried reference signals of port 0
-    double mean_time = 0.0;    // mean time of those, samples
-    double noise_variance = 0; // of one element, from the spread within the frame; 0 when a single symbol cannot tell
-    double noise_weight = 0;   // degrees of freedom of it
+    int index = 0;              // frame number, 0 starts at LinkState::frame_start
+    int symbols = 0;            // OFDM symbols that carried reference signals of port 0
+    double mean_time = 0.0;     // mean time of those, samples
+    double noise_variance = 0;  // of one element, from the spread within the frame; 0 when a single symbol cannot tell
+    double noise_weight = 0;    // degrees of freedom of it
   };
 
   /// Reads every frame that has at least `min_symbols` symbols with reference signals of port 0 in the capture.
   void read(IqSpan iq, const LinkState& state, int min_symbols);
 
-  /// Reads slots `first_slot` ... `first_slot + slots - 1` of `frame` as the only "frame"; false when a port was not heard
-  /// on both halves of the comb. Allocates nothing after the first call for a cell.
+  /// Reads slots `first_slot` ... `first_slot + slots - 1` of `frame` as the only "frame"; false when a port was not
+  /// heard on both halves of the comb. Allocates nothing after the first call for a cell.
   [[nodiscard]] bool read_slots(IqSpan iq, const LinkState& state, int frame, int first_slot, int slots);
 
   [[nodiscard]] const std::vector<Frame>& frames() const noexcept { return frames_; }

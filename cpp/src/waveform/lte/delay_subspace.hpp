@@ -12,7 +12,8 @@ namespace soopnav::lte {
 /// count; projecting on their vectors keeps such channels whole and rejects the rest of the noise.
 class DelaySubspace {
  public:
-  /// `from`: frequencies observed, in units of 15 kHz; window in seconds; eigenvalues below `floor` of the largest are noise.
+  /// `from`: frequencies observed, in units of 15 kHz; window in seconds; eigenvalues below `floor` of the largest are
+  /// noise.
   DelaySubspace(const Eigen::VectorXd& from, double earliest_s, double latest_s, double floor);
 
   /// Channel at the frequencies observed, smoothed.

@@ -10,8 +10,9 @@ namespace soopnav::lte {
 /// Turns one OFDM symbol of a capture into subcarriers, at any (fractional) time and carrier offset.
 ///
 /// The transform is unitary. Its window begins `back` samples before the useful part, inside the cyclic prefix, so that
-/// paths from a little before to a good deal after the nominal time stay orthogonal; the phase ramp of that advance, and
-/// of the fraction of a sample, is taken out, so a path at `start` has a flat channel. Allocates nothing after construction.
+/// paths from a little before to a good deal after the nominal time stay orthogonal; the phase ramp of that advance,
+/// and of the fraction of a sample, is taken out, so a path at `start` has a flat channel. Allocates nothing after
+/// construction.
 class Demodulator {
  public:
   explicit Demodulator(int fft_size);
@@ -27,8 +28,8 @@ class Demodulator {
   /// Subcarriers -half ... -1, 1 ... half (15 kHz from the carrier) of the last transform, `2 half` of them.
   void subcarriers(int half, Cf32* out) const;
 
-  /// Every sixth subcarrier from `first` (a 15 kHz index if negative, index minus one if not: the direct-current carrier
-  /// is skipped), `count` of them, each times conj(reference).
+  /// Every sixth subcarrier from `first` (a 15 kHz index if negative, index minus one if not: the direct-current
+  /// carrier is skipped), `count` of them, each times conj(reference).
   void pilots(int first, int count, const Cf32* reference_conj, Cf32* out) const;
 
  private:

@@ -5,8 +5,8 @@
 /// Where the synchronisation signals lie, in samples of 1.92 Msps (TS 36.211 6.11.1.2 and 6.11.2.2).
 namespace soopnav::lte {
 
-/// Start of the useful part of the PSS after the start of its half-frame. FDD: last symbol of slots 0 and 10; TDD: third
-/// symbol of slots 2 and 12.
+/// Start of the useful part of the PSS after the start of its half-frame. FDD: last symbol of slots 0 and 10; TDD:
+/// third symbol of slots 2 and 12.
 [[nodiscard]] constexpr int pss_in_half_frame(Duplex duplex, CyclicPrefix cp) noexcept {
   const int slot = duplex == Duplex::kFdd ? 0 : 1920;
   const int symbol = duplex == Duplex::kFdd ? symbols_per_slot(cp) - 1 : 2;

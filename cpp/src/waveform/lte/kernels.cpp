@@ -125,6 +125,18 @@ double energy(const Cf32* x, std::size_t n) noexcept {
 }
 
 SOOPNAV_TARGET_CLONES
+void power_of_sum(const Cf32* a, const Cf32* b, const Cf32* turn, float* out, std::size_t n) noexcept {
+  const float* p = floats(a);
+  const float* q = floats(b);
+  const float* t = floats(turn);
+  for (std::size_t i = 0; i < n; ++i) {
+    const float br = q[2 * i], bi = q[2 * i + 1], tr = t[2 * i], ti = t[2 * i + 1];
+    const float re = p[2 * i] + (br * tr - bi * ti), im = p[2 * i + 1] + (br * ti + bi * tr);
+    out[i] = re * re + im * im;
+  }
+}
+
+SOOPNAV_TARGET_CLONES
 float maximum(const float* x, std::size_t n) noexcept {
   std::array<float, kLanes> top;
   top.fill(x[0]);

@@ -4,8 +4,8 @@
 
 #include "soopnav/core/iq.hpp"
 
-/// Inner loops of the LTE receiver. The widest vectors are chosen at run time and never change a result: the element-wise
-/// loops have no reduction, and the sums keep a fixed number of lanes that are added in a fixed order.
+/// Inner loops of the LTE receiver. The widest vectors are chosen at run time and never change a result: the
+/// element-wise loops have no reduction, and the sums keep a fixed number of lanes that are added in a fixed order.
 namespace soopnav::lte::kernels {
 
 /// (a.re b.re - a.im b.im, ...): a complex product without the NaN repair of operator*.
@@ -43,6 +43,9 @@ void scale(const float* factor, float* x, std::size_t n) noexcept;
 
 /// sum_i |x[i]|^2
 [[nodiscard]] double energy(const Cf32* x, std::size_t n) noexcept;
+
+/// out[i] = |a[i] + b[i] turn[i]|^2
+void power_of_sum(const Cf32* a, const Cf32* b, const Cf32* turn, float* out, std::size_t n) noexcept;
 
 /// The largest element; n >= 1.
 [[nodiscard]] float maximum(const float* x, std::size_t n) noexcept;

@@ -15,12 +15,13 @@ using kernels::multiply;
 using kernels::multiply_conj;
 
 struct Line {
-  double intercept = 0.0, slope = 0.0, centre = 0.0, slope_sigma = std::numeric_limits<double>::infinity(), intercept_sigma = 0.0;
+  double intercept = 0.0, slope = 0.0, centre = 0.0, slope_sigma = std::numeric_limits<double>::infinity(),
+         intercept_sigma = 0.0;
 };
 
 // Weighted straight line y = a + b x; the slope stays 0 with one point.
-Line fit_line(const std::vector<LinkTracker::FrameEstimate>& points, double LinkTracker::FrameEstimate::* value,
-              double LinkTracker::FrameEstimate::* sigma) {
+Line fit_line(const std::vector<LinkTracker::FrameEstimate>& points, double LinkTracker::FrameEstimate::*value,
+              double LinkTracker::FrameEstimate::*sigma) {
   double w = 0.0, wx = 0.0, wy = 0.0;
   for (const auto& p : points) {
     const double weight = 1.0 / std::max(p.*sigma * (p.*sigma), 1e-30);
@@ -211,8 +212,8 @@ void LinkTracker::measure(const CrsTracker& tracker, std::size_t frame, const Cf
     reference_energy += kernels::energy(reference[u], n);
     correlation += kernels::dot_conj(y[u], reference[u], n);
   }
-  const DelayFit fit =
-      refine_delay(y.data(), reference, ports_, tracker.element_frequencies().data(), elements_, tracker.fft_size(), 0.0);
+  const DelayFit fit = refine_delay(y.data(), reference, ports_, tracker.element_frequencies().data(), elements_,
+                                    tracker.fft_size(), 0.0);
   // Fisher information of the delay with free phase and amplitude per port, and of the common phase.
   const double noise = std::max(tracker.noise_variance() / (0.5 * f.symbols), 1e-14) + reference_noise;
   out.delay = fit.converged ? fit.tau : 0.0;
@@ -262,8 +263,8 @@ bool LinkTracker::track(CrsTracker& tracker, IqSpan iq, LinkState& state, int it
       mean[static_cast<std::size_t>(p)] = following ? tracker.channel(0, p) : mean_channel(p);
     }
     const double start = coarse_.estimate(mean.data(), ports_, elements_, fft_size);
-    const DelayFit absolute = refine_delay(mean.data(), nullptr, ports_, tracker.element_frequencies().data(), elements_,
-                                           fft_size, start);
+    const DelayFit absolute =
+        refine_delay(mean.data(), nullptr, ports_, tracker.element_frequencies().data(), elements_, fft_size, start);
     const double tau = absolute.converged ? absolute.tau : start;
     // Both are of the slope about the mean time, so the intercept goes with the slope that is taken.
     const double measured = state.drift + delay.slope;

@@ -8,18 +8,19 @@ namespace soopnav::lte {
 
 /// Delay of a set of elements with unknown phase per port.
 ///
-/// Maximises J(tau) = sum_p |sum_j y_pj conj(t_pj) exp(+j 2 pi f_j tau / N)|^2, tau in samples of an N-point symbol, about
-/// a start within the main lobe, by Newton's method. `reference` may be null (a single path: t = 1).
+/// Maximises J(tau) = sum_p |sum_j y_pj conj(t_pj) exp(+j 2 pi f_j tau / N)|^2, tau in samples of an N-point symbol,
+/// about a start within the main lobe, by Newton's method. `reference` may be null (a single path: t = 1).
 struct DelayFit {
   double tau = 0.0;        ///< samples
   double power = 0.0;      ///< J at the maximum
   double curvature = 0.0;  ///< -J'' / (2 J) there: sum over ports of the effective squared bandwidth, (rad/sample)^2
   bool converged = false;
 };
-[[nodiscard]] DelayFit refine_delay(const Cf32* const* y, const Cf32* const* reference, int ports, const int* frequencies,
-                                    int count, int fft_size, double start);
+[[nodiscard]] DelayFit refine_delay(const Cf32* const* y, const Cf32* const* reference, int ports,
+                                    const int* frequencies, int count, int fft_size, double start);
 
-/// Where the largest peak of the power delay profile lies, samples, within +-half of `1 / 45 kHz`; a start for refine_delay.
+/// Where the largest peak of the power delay profile lies, samples, within +-half of `1 / 45 kHz`; a start for
+/// refine_delay.
 class CoarseDelay {
  public:
   CoarseDelay();
@@ -40,17 +41,17 @@ class LinkTracker {
   /// What came out of `track`.
   struct FrameEstimate {
     int index = 0;
-    double time = 0.0;         // samples
-    double delay = 0.0;        // samples, relative to the state's line
+    double time = 0.0;   // samples
+    double delay = 0.0;  // samples, relative to the state's line
     double delay_sigma = 0.0;
-    double phase = 0.0;        // cycles, unwrapped from frame to frame
+    double phase = 0.0;  // cycles, unwrapped from frame to frame
     double phase_sigma = 0.0;
   };
 
   /// Refines `state` on the frames that `tracker` can read: absolute delay of the strongest response, drift, frequency.
   /// The first iteration follows the frames one to the next, so that the drift may be off by much; the later ones hold
-  /// each frame against the mean. The drift that `state` comes with counts as known to `drift_sigma`. False when no frame
-  /// could be read.
+  /// each frame against the mean. The drift that `state` comes with counts as known to `drift_sigma`. False when no
+  /// frame could be read.
   [[nodiscard]] bool track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations, double drift_sigma);
 
   [[nodiscard]] const std::vector<FrameEstimate>& frames() const noexcept { return estimates_; }

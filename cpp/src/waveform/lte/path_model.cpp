@@ -51,7 +51,8 @@ void PathModel::solve_amplitudes(const Cf32* const* y) {
   }
 }
 
-// Gauss-Newton on the delays; the amplitudes follow by least squares (variable projection). False when two delays merge.
+// Gauss-Newton on the delays; the amplitudes follow by least squares (variable projection). False when two delays
+// merge.
 bool PathModel::refine(const Cf32* const* y) {
   const double omega = 2.0 * std::numbers::pi / fft_size_;
   const double span = frequencies_[count_ - 1] - frequencies_[0];
@@ -69,7 +70,8 @@ bool PathModel::refine(const Cf32* const* y) {
       const Eigen::VectorXcd residual = data.cast<std::complex<double>>() - steering_ * a;
       Eigen::MatrixXcd jacobian(count_, paths_);
       for (int l = 0; l < paths_; ++l) {
-        jacobian.col(l) = (std::complex<double>(0.0, -omega) * a(l)) * (f.cast<std::complex<double>>().cwiseProduct(steering_.col(l)));
+        jacobian.col(l) = (std::complex<double>(0.0, -omega) * a(l)) *
+                          (f.cast<std::complex<double>>().cwiseProduct(steering_.col(l)));
       }
       jacobian -= steering_ * gram.solve(steering_.adjoint() * jacobian);
       information_ += (jacobian.adjoint() * jacobian).real();
@@ -137,7 +139,8 @@ bool PathModel::fit(const Cf32* const* y, int ports, const int* frequencies, int
     // of possible delays shows how much.
     double outside = 0.0;
     int lags = 0;
-    for (int i = reach + 1; i < size - reach; ++i, ++lags) outside += static_cast<double>(profile[static_cast<std::size_t>(i)]);
+    for (int i = reach + 1; i < size - reach; ++i, ++lags)
+      outside += static_cast<double>(profile[static_cast<std::size_t>(i)]);
     floor = lags > size / 8 ? std::max(noise, outside / (static_cast<double>(lags) * count * ports)) : noise;
     if (power < level * floor) break;
     if (paths_ > 0 && power < std::pow(10.0, limits.weakest_db / 10.0) * strongest) break;

@@ -18,10 +18,10 @@ inline constexpr int kMaxPaths = 8;
 class PathModel {
  public:
   struct Limits {
-    double false_path = 1e-6;         ///< probability of a path in noise alone
-    double weakest_db = -25.0;        ///< below the strongest path: where model errors begin
-    double earliest_db = -20.0;       ///< a first path weaker than this is not taken as such
-    double window_samples = 0.0;      ///< delays looked at: -window ... +window
+    double false_path = 1e-6;     ///< probability of a path in noise alone
+    double weakest_db = -25.0;    ///< below the strongest path: where model errors begin
+    double earliest_db = -20.0;   ///< a first path weaker than this is not taken as such
+    double window_samples = 0.0;  ///< delays looked at: -window ... +window
   };
 
   PathModel();
@@ -31,7 +31,9 @@ class PathModel {
                          const Limits& limits, CoarseDelay& coarse);
 
   [[nodiscard]] int paths() const noexcept { return paths_; }
-  [[nodiscard]] double delay(int path) const noexcept { return delays_[static_cast<std::size_t>(path)]; }  ///< samples, ascending
+  [[nodiscard]] double delay(int path) const noexcept {
+    return delays_[static_cast<std::size_t>(path)];
+  }                                                     ///< samples, ascending
   [[nodiscard]] double power(int path) const noexcept;  ///< mean over ports of |a|^2
   [[nodiscard]] int first() const noexcept { return first_; }
   /// Standard deviation of the first path's delay, the other paths unknown too.
@@ -48,9 +50,9 @@ class PathModel {
   const int* frequencies_ = nullptr;
   double first_sigma_ = 0.0;
   std::array<double, kMaxPaths> delays_{};
-  Eigen::MatrixXcd steering_;                             // count x paths
+  Eigen::MatrixXcd steering_;  // count x paths
   std::array<Eigen::VectorXcd, kMaxPorts> amplitudes_;
-  Eigen::MatrixXd information_;                           // of the delays, noise variance 1
+  Eigen::MatrixXd information_;  // of the delays, noise variance 1
   std::array<std::vector<Cf32>, kMaxPorts> model_, residual_;
 };
 

@@ -15,16 +15,14 @@ PssCorrelator::PssCorrelator(const Options& options)
       ratio_(static_cast<double>(kForward) / options.inverse_size),
       forward_(kForward, dsp::FftDirection::kForward),
       inverse_(options.inverse_size, dsp::FftDirection::kInverse),
-      band_inverse_(kForward, dsp::FftDirection::kInverse),
       half_(kForward / 4),  // +-480 kHz holds the 62 subcarriers and the first side lobes of their edges
       input_(kForward),
-      band_(kForward),
       spectrum_(kForward),
       product_(static_cast<std::size_t>(options.inverse_size)),
       correlation_(static_cast<std::size_t>(options.inverse_size)) {
   const double bin_hz = kBaseRateHz / kForward;
-  const int side = static_cast<int>(std::ceil(std::max(0.0, options.max_cfo_hz - options.spacing_hz / 2) /
-                                              options.spacing_hz - 1e-9));
+  const int side = static_cast<int>(
+      std::ceil(std::max(0.0, options.max_cfo_hz - options.spacing_hz / 2) / options.spacing_hz - 1e-9));
   for (int i = -side; i <= side; ++i) shifts_.push_back(static_cast<int>(std::lround(i * options.spacing_hz / bin_hz)));
 
   dsp::Fft symbol(kSearchFft, dsp::FftDirection::kInverse);
@@ -103,23 +101,29 @@ void PssCorrelator::add(IqSpan iq, std::size_t first) {
   }
 }
 
-// Energy under the template at every lag. Once strong cells are cancelled, their synchronisation symbols are quiet inside
-// the band while data goes on outside it and around; only the energy in the band shows that.
+// Energy under the template at every lag. Once strong cells are cancelled, their synchronisation symbols are quiet
+// inside the band while data goes on outside it and around; only the energy in the band shows that.
 void PssCorrelator::add_energy() {
+  std::size_t count = kForward;
+  double per_lag = ratio_;  // elements of the running sum per lag
   if (options_.in_band) {
-    // The 62 subcarriers, +-465 kHz.
+    // The 62 subcarriers, +-465 kHz, at the rate of the lags.
     const std::size_t edge = static_cast<std::size_t>(half_) * 31 / 32;
-    std::fill(band_.begin(), band_.end(), Cf32{});
-    std::copy_n(spectrum_.begin(), edge, band_.begin());
-    std::copy_n(spectrum_.end() - static_cast<std::ptrdiff_t>(edge), edge, band_.end() - static_cast<std::ptrdiff_t>(edge));
-    band_inverse_.execute(band_.data(), input_.data());
-    for (Cf32& x : input_) x /= static_cast<float>(kForward);
+    const auto wrap = static_cast<std::ptrdiff_t>(edge);
+    std::fill(product_.begin(), product_.end(), Cf32{});
+    std::copy_n(spectrum_.begin(), edge, product_.begin());
+    std::copy_n(spectrum_.end() - wrap, edge, product_.end() - wrap);
+    inverse_.execute(product_.data(), correlation_.data());
+    count = correlation_.size();
+    per_lag = 1.0;
   }
+  const Cf32* x = options_.in_band ? correlation_.data() : input_.data();
   prefix_[0] = 0.0;
-  for (std::size_t n = 0; n < kForward; ++n) prefix_[n + 1] = prefix_[n] + static_cast<double>(std::norm(input_[n]));
+  for (std::size_t n = 0; n < count; ++n) prefix_[n + 1] = prefix_[n] + static_cast<double>(std::norm(x[n]));
+  const auto window = static_cast<std::size_t>(std::lround(kSearchFft * per_lag / ratio_));
   for (int m = 0; m < lags_; ++m) {
-    const auto n = static_cast<std::size_t>(m * ratio_);
-    energy_[static_cast<std::size_t>(m)] += static_cast<float>(prefix_[n + kSearchFft] - prefix_[n]);
+    const auto n = static_cast<std::size_t>(m * per_lag);
+    energy_[static_cast<std::size_t>(m)] += static_cast<float>(prefix_[n + window] - prefix_[n]);
   }
 }
 
@@ -179,7 +183,8 @@ void PssCorrelator::peaks(int limit, std::vector<PssCandidate>& out) {
           if (kernels::maximum(combined_.data() + c, count) * scale <= threshold) continue;
           for (std::size_t m = c; m < c + count; ++m) {
             const float v = combined_[m];
-            if (v * scale <= threshold || v < combined_[(m + 1) % lags] || v < combined_[(m + lags - 1) % lags]) continue;
+            if (v * scale <= threshold || v < combined_[(m + 1) % lags] || v < combined_[(m + lags - 1) % lags])
+              continue;
             PssCandidate candidate;
             candidate.n_id_2 = root;
             candidate.tau = static_cast<double>(m) * ratio_;

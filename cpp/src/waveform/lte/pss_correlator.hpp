@@ -14,10 +14,10 @@ inline constexpr int kSearchFft = 128;          ///< transform of 1.92 Msps
 /// A place where a primary synchronisation signal may be.
 struct PssCandidate {
   int n_id_2 = 0;
-  double tau = 0.0;     ///< start of its useful part in the first half-frame, samples of 1.92 Msps, 0 ... 9600
+  double tau = 0.0;  ///< start of its useful part in the first half-frame, samples of 1.92 Msps, 0 ... 9600
   double cfo_hz = 0.0;
-  double drift = 0.0;   ///< samples gained per sample (minus the clock error)
-  double score = 0.0;   ///< correlation power over its mean, 1 in noise
+  double drift = 0.0;  ///< samples gained per sample (minus the clock error)
+  double score = 0.0;  ///< correlation power over its mean, 1 in noise
 };
 
 /// Correlates half-frames of 1.92 Msps with the three primary synchronisation signals at a bank of carrier offsets.
@@ -30,10 +30,10 @@ class PssCorrelator {
   struct Options {
     double max_cfo_hz;
     double spacing_hz;
-    int inverse_size;          // 5120, 6144, 7680 or 10240 of the 10240-point forward transform
-    double max_drift_ppm;      // drifts tried: -max ... +max
+    int inverse_size;      // 5120, 6144, 7680 or 10240 of the 10240-point forward transform
+    double max_drift_ppm;  // drifts tried: -max ... +max
     int max_half_frames;
-    bool in_band;              // normalise by the energy inside the signal's band at zero offset, not by all of it
+    bool in_band;  // normalise by the energy inside the signal's band at zero offset, not by all of it
   };
   explicit PssCorrelator(const Options& options);
 
@@ -45,7 +45,8 @@ class PssCorrelator {
   /// The `limit` highest peaks, highest first.
   void peaks(int limit, std::vector<PssCandidate>& out);
 
-  /// Correlation power over lag of the hypothesis nearest to `cfo_hz` without drift, relative to its mean; 1.92 Msps / ratio.
+  /// Correlation power over lag of the hypothesis nearest to `cfo_hz` without drift, relative to its mean; 1.92 Msps /
+  /// ratio.
   [[nodiscard]] int lags() const noexcept { return lags_; }
 
  private:
@@ -61,10 +62,10 @@ class PssCorrelator {
   double ratio_;  // input samples per lag
   int half_frames_ = 0;
   std::vector<int> shifts_;  // bins
-  dsp::Fft forward_, inverse_, band_inverse_;
+  dsp::Fft forward_, inverse_;
   std::array<std::vector<Cf32>, 3> reference_;  // conj(PSS spectrum), bins -half_ ... half_-1
   int half_;
-  std::vector<Cf32> input_, band_, spectrum_, product_, correlation_;
+  std::vector<Cf32> input_, spectrum_, product_, correlation_;
   std::vector<float> surfaces_, energy_, combined_, group_energy_;
   std::vector<double> prefix_;
 };

@@ -20,11 +20,12 @@ namespace soopnav::lte {
 
 namespace {
 
-constexpr int kWideWindow = 40;         // half-frames of the first pass over all carrier offsets: 200 ms
-constexpr int kNarrowWindow = 200;      // half-frames of the later passes: 1 s
-constexpr int kWideCandidates = 24;
+constexpr int kWideWindow = 40;     // half-frames of the first pass over all carrier offsets: 200 ms
+constexpr int kNarrowWindow = 200;  // half-frames of the later passes: 1 s
+constexpr int kWideCandidates = 32;
 constexpr int kNarrowCandidates = 10;
-constexpr double kNarrowHz = 4.5e3;     // cells of one receiver differ by less: what differs is theirs, 0.1 ppm, and Doppler
+constexpr double kNarrowHz =
+    4.5e3;  // cells of one receiver differ by less: what differs is theirs, 0.1 ppm, and Doppler
 constexpr double kMaxDriftPpm = 90.0;
 constexpr std::size_t kShortest = kHalfFrameSamples + 2 * kSearchFft + 20;
 
@@ -38,8 +39,8 @@ PssCorrelator::Options first_pass(double max_cfo_hz) {
   PssCorrelator::Options options{};
   const bool narrow = max_cfo_hz <= 12e3;
   options.max_cfo_hz = max_cfo_hz;
-  options.spacing_hz = narrow ? 4.875e3 : 7.5e3;
-  options.inverse_size = narrow ? 10240 : 6144;
+  options.spacing_hz = narrow ? 5.0625e3 : 7.5e3;
+  options.inverse_size = narrow ? 7680 : 6144;
   options.max_drift_ppm = kMaxDriftPpm;
   options.max_half_frames = kWideWindow;
   options.in_band = narrow;
@@ -47,14 +48,19 @@ PssCorrelator::Options first_pass(double max_cfo_hz) {
 }
 
 PssCorrelator::Options later_passes() {
-  return {.max_cfo_hz = kNarrowHz, .spacing_hz = 3.0e3, .inverse_size = 10240, .max_drift_ppm = 0.0,
-          .max_half_frames = kNarrowWindow, .in_band = true};
+  return {.max_cfo_hz = kNarrowHz,
+          .spacing_hz = 3.0e3,
+          .inverse_size = 10240,
+          .max_drift_ppm = 0.0,
+          .max_half_frames = kNarrowWindow,
+          .in_band = true};
 }
 
 }  // namespace
 
 struct Searcher::Impl {
-  explicit Impl(const SearchOptions& o) : options(o), first(first_pass(o.max_cfo_hz)), later(later_passes()), tracker(kSearchFft) {
+  explicit Impl(const SearchOptions& o)
+      : options(o), first(first_pass(o.max_cfo_hz)), later(later_passes()), tracker(kSearchFft) {
     detections.reserve(static_cast<std::size_t>(o.max_cells));
     if (o.sample_rate_hz != kBaseRateHz) {
       // +-540 kHz of signal and the carrier offset stay whole.
@@ -82,8 +88,8 @@ struct Searcher::Impl {
 
   void search(IqSpan iq);
   void first_search(IqSpan iq);
-  void later_search(IqSpan iq);
-  bool accept(IqSpan iq, const ConfirmedCell& cell);
+  void later_search();
+  bool accept(const ConfirmedCell& cell);
 };
 
 // The strongest cells, at any carrier offset, window by window until one is found.
@@ -96,17 +102,20 @@ void Searcher::Impl::first_search(IqSpan iq) {
     first.peaks(kWideCandidates, candidates);
     for (const PssCandidate& candidate : candidates) {
       confirmed.clear();
-      test.examine(window, candidate, [this](int id) { return known(id); }, confirmed);
+      test.examine(
+          window, candidate, false, [this](int id) { return known(id); }, confirmed);
       for (ConfirmedCell& cell : confirmed) {
         cell.frame_start += static_cast<double>(start);
-        accept(iq, cell);
+        accept(cell);
         if (!detections.empty()) return;
       }
     }
   }
 }
 
-bool Searcher::Impl::accept(IqSpan iq, const ConfirmedCell& cell) {
+// Estimates, decodes and cancels a confirmed cell, in what the cells before have left.
+bool Searcher::Impl::accept(const ConfirmedCell& cell) {
+  const IqSpan iq = residual;
   if (known(cell.cell_id)) return false;
   LinkState state{cell.frame_start, cell.drift, cell.cfo_hz / kBaseRateHz};
   tracker.configure({cell.cell_id, cell.cp, cell.duplex, 6, 1});
@@ -128,11 +137,13 @@ bool Searcher::Impl::accept(IqSpan iq, const ConfirmedCell& cell) {
   d.cp = cell.cp;
   d.duplex = cell.duplex;
   int ports = 1;
+  std::optional<MibReader::Result> found;
   std::optional<int> state_sfn;  // of the frame at state.frame_start
   if (!tracker.frames().empty()) {
     link.align(tracker, 0, tracker.frames().size());
     if (options.decode_mib) {
-      if (const auto found = mib.read(iq, state, tracker, link)) {
+      found = mib.read(iq, state, tracker, link);
+      if (found) {
         d.n_rb = found->mib.n_rb;
         d.n_ports = found->n_ports;
         state_sfn = found->mib.sfn - found->frame;
@@ -164,11 +175,16 @@ bool Searcher::Impl::accept(IqSpan iq, const ConfirmedCell& cell) {
   tracker.read(residual, state, 10);
   if (tracker.frames().empty()) tracker.read(residual, state, 1);
   canceller.subtract(state, tracker, residual);
+  if (found && found->mib.spare == 0) {
+    MasterInformationBlock block = found->mib;
+    block.sfn = *state_sfn;
+    canceller.subtract_pbch(state, tracker, block, residual);
+  }
   return true;
 }
 
 // Weaker cells at the carrier offset and clock drift of those found, below what has been cancelled.
-void Searcher::Impl::later_search(IqSpan iq) {
+void Searcher::Impl::later_search() {
   bool found = true;
   while (found && static_cast<int>(detections.size()) < options.max_cells) {
     found = false;
@@ -183,7 +199,8 @@ void Searcher::Impl::later_search(IqSpan iq) {
     }
     later.clear();
     for (int h = 0; h < kNarrowWindow; ++h) {
-      const auto at = static_cast<std::size_t>(std::llround(h * static_cast<double>(kHalfFrameSamples) * (1.0 + drift)));
+      const auto at =
+          static_cast<std::size_t>(std::llround(h * static_cast<double>(kHalfFrameSamples) * (1.0 + drift)));
       if (at + kSearchFft >= shifted.size()) break;
       later.add(shifted, at);
     }
@@ -192,11 +209,12 @@ void Searcher::Impl::later_search(IqSpan iq) {
       candidate.cfo_hz += cfo_hz;
       candidate.drift = drift;
       confirmed.clear();
-      test.examine(residual, candidate, [this](int id) { return known(id); }, confirmed);
+      test.examine(
+          residual, candidate, true, [this](int id) { return known(id); }, confirmed);
       std::sort(confirmed.begin(), confirmed.end(),
                 [](const ConfirmedCell& a, const ConfirmedCell& b) { return a.evidence > b.evidence; });
       for (const ConfirmedCell& cell : confirmed) {
-        if (static_cast<int>(detections.size()) < options.max_cells) found = accept(iq, cell) || found;
+        if (static_cast<int>(detections.size()) < options.max_cells) found = accept(cell) || found;
         if (found) break;
       }
       if (found) break;
@@ -208,14 +226,16 @@ void Searcher::Impl::search(IqSpan iq) {
   detections.clear();
   residual.assign(iq.begin(), iq.end());
   first_search(iq);
-  if (!detections.empty()) later_search(iq);
-  std::sort(detections.begin(), detections.end(), [](const Detection& a, const Detection& b) { return a.snr_db > b.snr_db; });
+  if (!detections.empty()) later_search();
+  std::sort(detections.begin(), detections.end(),
+            [](const Detection& a, const Detection& b) { return a.snr_db > b.snr_db; });
 }
 
 Searcher::Searcher(const SearchOptions& options) {
   require(options.sample_rate_hz >= 1.4e6 && options.sample_rate_hz <= 100e6, "sample_rate_hz", options.sample_rate_hz,
           "1.4e6 ... 100e6 expected");
-  require(options.max_cfo_hz >= 0.0 && options.max_cfo_hz <= 250e3, "max_cfo_hz", options.max_cfo_hz, "0 ... 250e3 expected");
+  require(options.max_cfo_hz >= 0.0 && options.max_cfo_hz <= 250e3, "max_cfo_hz", options.max_cfo_hz,
+          "0 ... 250e3 expected");
   require(options.window_s >= 10e-3 && options.window_s <= 2.0, "window_s", options.window_s, "0.01 ... 2 expected");
   require(options.max_cells >= 1 && options.max_cells <= 64, "max_cells", options.max_cells, "1 ... 64 expected");
   impl_ = std::make_unique<Impl>(options);

@@ -43,9 +43,13 @@ void require_rate(double sample_rate_hz) {
 
 struct ToaEstimator::Impl {
   explicit Impl(double rate)
-      : sample_rate_hz(rate), fft_size(fft_size_for(rate)), rate_hz(fft_size * kSubcarrierSpacingHz), tracker(fft_size) {
+      : sample_rate_hz(rate),
+        fft_size(fft_size_for(rate)),
+        rate_hz(fft_size * kSubcarrierSpacingHz),
+        tracker(fft_size) {
     if (std::abs(rate_hz - rate) > 1e-6) {
-      resampler.emplace(dsp::Resampler::between(rate, rate_hz, {.passband = 0.93, .stopband = 1.07, .attenuation_db = 80.0}));
+      resampler.emplace(
+          dsp::Resampler::between(rate, rate_hz, {.passband = 0.93, .stopband = 1.07, .attenuation_db = 80.0}));
     }
   }
 
@@ -75,8 +79,8 @@ void ToaEstimator::Impl::profile(int ports, double first_delay, TimeOfArrival& o
   out.impulse_response.clear();
   const auto norm = static_cast<float>(1.0 / tracker.elements());
   for (int i = begin; i < begin + count; ++i) {
-    out.impulse_response.push_back(norm * std::sqrt(power[static_cast<std::size_t>(((i % size) + size) % size)] /
-                                                    static_cast<float>(ports)));
+    out.impulse_response.push_back(
+        norm * std::sqrt(power[static_cast<std::size_t>(((i % size) + size) % size)] / static_cast<float>(ports)));
   }
   out.impulse_response_step_s = step_s;
   out.impulse_response_start_s = begin * step_s - first_delay / rate_hz;
@@ -98,12 +102,15 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
   state.drift = 1.0 / (1.0 + cell.clock_error_ppm * 1e-6) - 1.0;
   state.frame_start = cell.frame_start_s * rate_hz;
   state.frequency = cell.cfo_hz / rate_hz;
-  const double drift_sigma = 3e-6 * std::clamp(cell.clock_error_sigma_ppm, 0.01, 20.0);
+  // A detection that does not say how well it knows the clock may be off by a crystal's tolerance.
+  const double known_ppm = cell.clock_error_sigma_ppm > 0.0 ? 3.0 * cell.clock_error_sigma_ppm : 20.0;
+  const double drift_sigma = 1e-6 * std::clamp(known_ppm, 0.03, 60.0);
   if (!link.track(tracker, iq, state, 2, drift_sigma)) return ToaStatus::kTooShort;
   if (cell.duplex == Duplex::kTdd) tracker.find_downlink_subframes(iq, state);
   if (!link.track(tracker, iq, state, 2, drift_sigma)) return ToaStatus::kTooShort;
   const auto& frames = tracker.frames();
-  const double mean_power = kernels::energy(link.mean_channel(0), static_cast<std::size_t>(tracker.elements())) / tracker.elements();
+  const double mean_power =
+      kernels::energy(link.mean_channel(0), static_cast<std::size_t>(tracker.elements())) / tracker.elements();
   if (mean_power < (1.0 + 6.0 / std::sqrt(static_cast<double>(tracker.elements()))) * link.mean_channel_noise()) {
     return ToaStatus::kLost;
   }
@@ -129,7 +136,8 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
       double strongest = 0.0;
       for (int l = 0; l < model.paths(); ++l) strongest = std::max(strongest, model.power(l));
       for (int l = model.first(); l < model.paths(); ++l) {
-        out.paths.push_back({(model.delay(l) - model.delay(model.first())) / rate_hz, 10.0 * std::log10(model.power(l) / strongest)});
+        out.paths.push_back(
+            {(model.delay(l) - model.delay(model.first())) / rate_hz, 10.0 * std::log10(model.power(l) / strongest)});
       }
       profile(ports, model.delay(model.first()), out);
     }
@@ -190,7 +198,8 @@ SubframeToaEstimator::SubframeToaEstimator(double sample_rate_hz, const Detectio
   require_rate(sample_rate_hz);
   const double multiple = sample_rate_hz / kBaseRateHz;
   if (std::abs(multiple - std::round(multiple)) > 1e-9) {
-    throw std::invalid_argument("sample_rate_hz: " + std::to_string(sample_rate_hz) + "; a multiple of 1.92e6 expected");
+    throw std::invalid_argument("sample_rate_hz: " + std::to_string(sample_rate_hz) +
+                                "; a multiple of 1.92e6 expected");
   }
   impl_ = std::make_unique<Impl>(sample_rate_hz, cell);
 }
@@ -215,7 +224,8 @@ std::optional<SubframeToa> SubframeToaEstimator::estimate(IqSpan iq, int subfram
   Cf32 turn{};
   if (both) {
     for (int p = 0; p < m.ports; ++p) {
-      turn += kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
+      turn +=
+          kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
     }
   }
   const double phase = static_cast<double>(std::arg(turn));

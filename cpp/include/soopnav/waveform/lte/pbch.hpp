@@ -90,8 +90,10 @@ class PbchDecoder {
 
   /// `frames`: soft bits of consecutive frames, as equalised for `n_ports`; the word must carry that number's CRC mask.
   /// A word also has to agree with the soft bits: without signal the `margin` of the best of all words stays below 7.7
-  /// (8 frames or fewer; 8.15 after that) but for one call in 10^5. Frames with a NaN or an infinity are left out.
-  /// nullopt when nothing was found, or when `cell_id` is not 0 ... 503 or `n_ports` not 1, 2 or 4.
+  /// (8 frames or fewer; 8.15 after that) but for one call in 10^5. Soft bits that promise much more than the word
+  /// explains (those of another number of ports, say) are refused as well, so their scale should be right to 1.5 times.
+  /// Frames with a NaN or an infinity are left out. nullopt when nothing was found, or when `cell_id` is not 0 ... 503
+  /// or `n_ports` not 1, 2 or 4.
   [[nodiscard]] std::optional<PbchResult> decode(std::span<const PbchSoftBits> frames, int cell_id, CyclicPrefix cp,
                                                  int n_ports);
 

@@ -17,14 +17,14 @@ struct Path {
 
 /// Times of arrival of one cell, a value per radio frame.
 struct TimeOfArrival {
-  std::vector<double> toa_s;      ///< first path: start of frame i minus i * 10 ms, from the capture's first sample
-  std::vector<double> sigma_s;    ///< standard deviation of each; what the frames share (the first path's place) included
-  std::vector<int> frame_index;   ///< frames after the one that starts at Detection::frame_start_s
-  double cfo_hz = 0.0;            ///< carrier offset, refined over the capture
-  double clock_error_ppm = 0.0;   ///< from the slope of the frames' delays, sign as in Detection
-  double snr_db = 0.0;            ///< per CRS resource element, mean over ports
-  double noise_variance = 0.0;    ///< of one resource element, in squared sample units of a unitary transform
-  std::vector<Path> paths;        ///< first path first
+  std::vector<double> toa_s;    ///< first path: start of frame i minus i * 10 ms, from the capture's first sample
+  std::vector<double> sigma_s;  ///< standard deviation of each; what the frames share (the first path's place) included
+  std::vector<int> frame_index;         ///< frames after the one that starts at Detection::frame_start_s
+  double cfo_hz = 0.0;                  ///< carrier offset, refined over the capture
+  double clock_error_ppm = 0.0;         ///< from the slope of the frames' delays, sign as in Detection
+  double snr_db = 0.0;                  ///< per CRS resource element, mean over ports
+  double noise_variance = 0.0;          ///< of one resource element, in squared sample units of a unitary transform
+  std::vector<Path> paths;              ///< first path first
   std::vector<float> impulse_response;  ///< magnitude over delay, all ports; spacing and origin below
   double impulse_response_step_s = 0.0;
   double impulse_response_start_s = 0.0;  ///< delay of element 0 after the first path (negative: before)
@@ -32,9 +32,9 @@ struct TimeOfArrival {
 
 enum class ToaStatus {
   kOk,
-  kTooShort,      ///< not one whole subframe with reference signals
+  kTooShort,  ///< not one whole subframe with reference signals
   kNonFinite,
-  kLost,          ///< the cell's reference signals are not in these samples
+  kLost,  ///< the cell's reference signals are not in these samples
 };
 
 /// Channel and time of arrival from the cell-specific reference signals of one cell.
@@ -56,10 +56,10 @@ class ToaEstimator {
 
 /// Delay of one subframe.
 struct SubframeToa {
-  double toa_s = 0.0;           ///< start of the subframe (cyclic prefix included), from the span's first sample
-  double sigma_s = 0.0;         ///< from the noise seen between the subframe's two slots
-  double snr_db = 0.0;          ///< per CRS resource element, mean over ports
-  double noise_variance = 0.0;  ///< of one resource element
+  double toa_s = 0.0;            ///< start of the subframe (cyclic prefix included), from the span's first sample
+  double sigma_s = 0.0;          ///< from the noise seen between the subframe's two slots
+  double snr_db = 0.0;           ///< per CRS resource element, mean over ports
+  double noise_variance = 0.0;   ///< of one resource element
   double residual_cfo_hz = 0.0;  ///< carrier offset left beside the one given, within +-1 kHz
 };
 
@@ -77,7 +77,8 @@ class SubframeToaEstimator {
   SubframeToaEstimator& operator=(SubframeToaEstimator&&) noexcept;
 
   /// `iq` holds the subframe; it begins near `start_s` (within +-2 us) after the span's first sample. nullopt when the
-  /// span is too short, not finite or silent, or the subframe has no reference signals in its first slot's both symbols.
+  /// span is too short, not finite or silent, or the subframe has no reference signals in its first slot's both
+  /// symbols.
   [[nodiscard]] std::optional<SubframeToa> estimate(IqSpan iq, int subframe, double start_s, double cfo_hz);
 
  private:

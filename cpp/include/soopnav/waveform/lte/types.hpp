@@ -10,11 +10,11 @@
 namespace soopnav::lte {
 
 inline constexpr double kSubcarrierSpacingHz = 15e3;
-inline constexpr double kBaseRateHz = 1.92e6;      ///< 128-point transform, six resource blocks
-inline constexpr double kFrameS = 10e-3;           ///< radio frame
-inline constexpr int kCells = 504;                 ///< physical-layer cell identities
-inline constexpr int kSyncSubcarriers = 62;        ///< PSS and SSS length
-inline constexpr int kMaxRb = 110;                 ///< N_RB^max,DL of TS 36.211 6.10.1.1
+inline constexpr double kBaseRateHz = 1.92e6;  ///< 128-point transform, six resource blocks
+inline constexpr double kFrameS = 10e-3;       ///< radio frame
+inline constexpr int kCells = 504;             ///< physical-layer cell identities
+inline constexpr int kSyncSubcarriers = 62;    ///< PSS and SSS length
+inline constexpr int kMaxRb = 110;             ///< N_RB^max,DL of TS 36.211 6.10.1.1
 inline constexpr int kMaxPorts = 4;
 inline constexpr std::array<int, 6> kBandwidthsRb{6, 15, 25, 50, 75, 100};
 
@@ -41,7 +41,8 @@ enum class Duplex : std::uint8_t { kFdd, kTdd };
   return symbol == 0 ? 0 : (138 + (symbol - 1) * 137) * unit;
 }
 
-/// Transform bin (0 ... fft_size-1) of the 0-based `subcarrier` of an `n_rb` grid; the bin of zero frequency is skipped.
+/// Transform bin (0 ... fft_size-1) of the 0-based `subcarrier` of an `n_rb` grid; the bin of zero frequency is
+/// skipped.
 [[nodiscard]] constexpr int subcarrier_bin(int subcarrier, int n_rb, int fft_size) noexcept {
   const int centred = subcarrier - 6 * n_rb;
   return centred < 0 ? centred + fft_size : centred + 1;
@@ -60,19 +61,19 @@ enum class Duplex : std::uint8_t { kFdd, kTdd };
 /// positive error are short in samples), so a receiver whose mixer and converter share one crystal sees
 /// cfo_hz = 1e-6 * clock_error_ppm * carrier_hz.
 struct Detection {
-  int cell_id = 0;                        ///< 0 ... 503
-  std::optional<int> n_rb;                ///< downlink bandwidth in resource blocks, when the MIB was decoded
-  std::optional<int> n_ports;             ///< antenna ports 1, 2 or 4, when the MIB was decoded
-  std::optional<int> sfn;                 ///< system frame number of the frame at `frame_start_s`, when decoded
+  int cell_id = 0;             ///< 0 ... 503
+  std::optional<int> n_rb;     ///< downlink bandwidth in resource blocks, when the MIB was decoded
+  std::optional<int> n_ports;  ///< antenna ports 1, 2 or 4, when the MIB was decoded
+  std::optional<int> sfn;      ///< system frame number of the frame at `frame_start_s`, when decoded
   CyclicPrefix cp = CyclicPrefix::kNormal;
   Duplex duplex = Duplex::kFdd;
-  double frame_start_s = 0.0;             ///< start (cyclic prefix included) of the first whole-numbered radio frame, 0 ... 10 ms
+  double frame_start_s = 0.0;  ///< start (cyclic prefix included) of the first whole-numbered radio frame, 0 ... 10 ms
   double cfo_hz = 0.0;
   double cfo_sigma_hz = 0.0;
   double clock_error_ppm = 0.0;
   double clock_error_sigma_ppm = 0.0;
-  double snr_db = 0.0;                    ///< per CRS resource element, mean over ports, central six resource blocks
-  double crs_statistic = 0.0;             ///< evidence of the confirming CRS test, in units of its noise mean
+  double snr_db = 0.0;         ///< per CRS resource element, mean over ports, central six resource blocks
+  double crs_statistic = 0.0;  ///< evidence of the confirming CRS test, in units of its noise mean
 };
 
 }  // namespace soopnav::lte
