@@ -105,7 +105,7 @@ void register_geometry(py::module_& m) {
              return LocalFrame({latitude_rad, longitude_rad, height_m}, axes);
            }),
            py::arg("latitude_rad"), py::arg("longitude_rad"), py::arg("height_m"), py::kw_only(),
-           py::arg("axes") = LocalAxes::kEnu)
+           py::arg_v("axes", LocalAxes::kEnu, "LocalAxes.ENU"))
       .def_property_readonly("latitude_rad", [](const LocalFrame& f) { return f.origin().latitude_rad; })
       .def_property_readonly("longitude_rad", [](const LocalFrame& f) { return f.origin().longitude_rad; })
       .def_property_readonly("height_m", [](const LocalFrame& f) { return f.origin().height_m; })

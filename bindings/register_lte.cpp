@@ -198,8 +198,8 @@ void register_types(py::module_& m) {
                         "runs than the receiver's. Read-only.")
       .def(py::init(&make_detection), py::kw_only(), py::arg("cell_id"), py::arg("frame_start_s"),
            py::arg("cfo_hz") = 0.0, py::arg("n_rb") = py::none(), py::arg("n_ports") = py::none(),
-           py::arg("sfn") = py::none(), py::arg("cp") = CyclicPrefix::kNormal, py::arg("duplex") = Duplex::kFdd,
-           py::arg("clock_error_ppm") = 0.0, py::arg("snr_db") = 0.0,
+           py::arg("sfn") = py::none(), py::arg_v("cp", CyclicPrefix::kNormal, "CyclicPrefix.NORMAL"),
+           py::arg_v("duplex", Duplex::kFdd, "Duplex.FDD"), py::arg("clock_error_ppm") = 0.0, py::arg("snr_db") = 0.0,
            "A cell that is known already. Raises ValueError for a value outside its range.")
       .def_readonly("cell_id", &Detection::cell_id, "Physical-layer cell identity, 0 ... 503.")
       .def_readonly("n_rb", &Detection::n_rb, "Bandwidth in resource blocks; None when no MIB was decoded.")
@@ -341,7 +341,8 @@ void register_sequences(py::module_& m) {
         return std::pair(to_array(std::move(values)), to_array(std::move(subcarriers)));
       },
       py::arg("cell_id"), py::arg("slot"), py::arg("symbol"), py::kw_only(), py::arg("port") = 0, py::arg("n_rb"),
-      py::arg("cp") = CyclicPrefix::kNormal, "Cell-specific reference signals of one symbol: values, subcarriers.");
+      py::arg_v("cp", CyclicPrefix::kNormal, "CyclicPrefix.NORMAL"),
+      "Cell-specific reference signals of one symbol: values, subcarriers.");
 }
 
 using lte::CellParameters;
@@ -429,11 +430,12 @@ void register_synthesis(py::module_& m) {
 
   py::class_<CellParameters>(m, "CellParameters", "One eNodeB as it reaches the receiver. Read-only.")
       .def(py::init(&make_cell), py::kw_only(), py::arg("cell_id"), py::arg("n_rb") = 6, py::arg("n_ports") = 1,
-           py::arg("cp") = CyclicPrefix::kNormal, py::arg("duplex") = Duplex::kFdd, py::arg("tdd_configuration") = 1,
+           py::arg_v("cp", CyclicPrefix::kNormal, "CyclicPrefix.NORMAL"),
+           py::arg_v("duplex", Duplex::kFdd, "Duplex.FDD"), py::arg("tdd_configuration") = 1,
            py::arg("special_subframe_configuration") = 7, py::arg("start_sfn") = 0, py::arg("delay_s") = 0.0,
            py::arg("power_db") = 0.0, py::arg("cfo_hz") = 0.0, py::arg("clock_error_ppm") = 0.0,
            py::arg("carrier_phase_rad") = 0.0, py::arg("port_gain") = py::none(),
-           py::arg("taps") = Taps{{0.0, {1.0, 0.0}}}, py::arg("sync_ports") = SyncPorts::kFirst,
+           py::arg("taps") = Taps{{0.0, {1.0, 0.0}}}, py::arg_v("sync_ports", SyncPorts::kFirst, "SyncPorts.FIRST"),
            py::arg("crs_boost_db") = 0.0, py::arg("sync_boost_db") = 0.0, py::arg("data_load") = 1.0)
       .def_readonly("cell_id", &CellParameters::cell_id, "0 ... 503.")
       .def_readonly("n_rb", &CellParameters::n_rb, "Bandwidth: 6, 15, 25, 50, 75 or 100 resource blocks.")

@@ -169,7 +169,7 @@ def test_no_cell_is_no_error(case):
     assert sn.lte.search(SILENT[case](38_400), RATE, **FAST) == []
 
 
-@pytest.mark.parametrize("level", [1e-3, 0.2, 1e15])
+@pytest.mark.parametrize("level", [1e-5, 0.2, 1e5])
 def test_level_does_not_matter(level):
     iq = (capture() * np.float32(level)).astype(np.complex64)
     assert [c.cell_id for c in sn.lte.search(iq, RATE, **FAST)] == [137]

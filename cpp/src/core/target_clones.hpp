@@ -10,7 +10,7 @@
 #ifndef SOOPNAV_TARGET_CLONES
 #if !defined(SOOPNAV_NO_TARGET_CLONES) && defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && \
     !defined(__clang__)
-#define SOOPNAV_TARGET_CLONES __attribute__((target_clones("arch=x86-64-v3", "default")))
+#define SOOPNAV_TARGET_CLONES __attribute__((target_clones("avx2", "default")))
 #else
 #define SOOPNAV_TARGET_CLONES
 #endif

@@ -166,10 +166,10 @@ def locate(
 
     \b
       [receiver]
-      height_m = 1.5                       # solve in two dimensions at this height; without it, in three
+      height_m = 1.5                       # a position in two dimensions at this height
       [[nodes]]
       cell_id = 301
-      position_m = [150.0, 620.0, 0.0]     # east, north, up; or latitude_deg, longitude_deg, height_m
+      position_m = [150.0, 620.0, 0.0]     # or latitude_deg, longitude_deg, height_m
       antenna_height_m = 35.0              # added to the height
       clock_offset_s = 0.0                 # how late the node transmits
       sigma_s = 5e-9                       # standard deviation of its clock

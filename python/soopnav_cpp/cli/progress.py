@@ -44,4 +44,5 @@ def progress(*, after_s: float = 2.0, console: Console | None = None) -> Iterato
         timer.cancel()
         if timer.ident is not None:
             timer.join()
-        bar.stop()
+        if bar.live.is_started:
+            bar.stop()

@@ -137,7 +137,7 @@ TEST_F(ThreeCells, AllAreFoundAndTheirDelayDifferencesHold) {
 }
 
 TEST_F(ThreeCells, TheWeakestIsNotThereWithoutCancelling) {
-  const auto base = dsp::resample(iq_, kRateHz, kBaseRateHz, {.passband = 0.72, .stopband = 1.28});
+  const auto base = dsp::resample(iq_, kRateHz, kBaseRateHz, {.passband = 0.72, .stopband = 1.28, .attenuation_db = 60.0});
   PssCorrelator correlator({.max_cfo_hz = 4.5e3,
                             .spacing_hz = 3e3,
                             .inverse_size = 10240,
@@ -161,7 +161,7 @@ TEST_F(ThreeCells, TheWeakestIsNotThereWithoutCancelling) {
   CellTest cell_test;
   std::vector<ConfirmedCell> confirmed;
   for (const PssCandidate& candidate : candidates) {
-    cell_test.examine(base, candidate, [](int) { return false; }, confirmed);
+    cell_test.examine(base, candidate, true, [](int) { return false; }, confirmed);
   }
   std::set<int> ids;
   for (const ConfirmedCell& cell : confirmed) ids.insert(cell.cell_id);

@@ -119,15 +119,9 @@ void CellTest::refine(IqSpan iq, const PssCandidate& candidate) {
       }
       const Cf32* y = iq.data() + static_cast<std::size_t>(low + d);
       std::array<Cf32, kPieces> piece;
-      for (int p = 0; p < kPieces; ++p) {
-        Cf32 sum{};
-        for (std::size_t n = static_cast<std::size_t>(16 * p), e = n + 16; n < e; ++n)
-          sum += multiply(y[n], rotated[n]);
-        piece[static_cast<std::size_t>(p)] = sum;
-      }
+      for (std::size_t p = 0; p < kPieces; ++p) piece[p] = kernels::short_dot(y + 16 * p, rotated.data() + 16 * p, 16);
       for (std::size_t f = 0; f < kOffsets; ++f) {
-        Cf32 sum{};
-        for (std::size_t p = 0; p < kPieces; ++p) sum += multiply(piece[p], offset_turn_[f * kPieces + p]);
+        const Cf32 sum = kernels::short_dot(piece.data(), offset_turn_.data() + f * kPieces, kPieces);
         power[static_cast<std::size_t>(d) * kOffsets + f] = std::norm(sum);
       }
     }
@@ -323,6 +317,7 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, bool drift_known, Confirm
   pilots_.assign(static_cast<std::size_t>(2 * grid_slots_ * kPilots), Cf32{});
 
   std::array<Cf32, kPilots> reference;
+  std::array<Cf32, static_cast<std::size_t>(kTaps * kPilots)> undo;
   const auto slot_in_frame = [&](int s) { return (((s + grid_first_slot_ + 10 * h.parity) % 20) + 20) % 20; };
   const auto usable = [&](int slot, int which) {
     if (duplex_of(h.mode) == Duplex::kFdd) return true;
@@ -334,6 +329,12 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, bool drift_known, Confirm
       if (!usable(slot, which)) continue;
       crs_values(h.cell_id, slot, which == 0 ? 0 : second, cp, 6, reference);
       const int first = crs_first_subcarrier(h.cell_id, slot, which == 0 ? 0 : second, 0);
+      for (int t = 0; t < kTaps; ++t) {
+        for (int m = 0; m < kPilots; ++m) {
+          undo[static_cast<std::size_t>(t * kPilots + m)] =
+              undo_[static_cast<std::size_t>(t * kCentral + 6 * m + first)];
+        }
+      }
       for (int s = 0; s < grid_slots_; ++s) {
         if (slot_in_frame(s) != slot || grid_valid_[static_cast<std::size_t>(s * 2 + which)] == 0) continue;
         const Cf32* y = grid_.data() + static_cast<std::size_t>((s * 2 + which) * kCentral);
@@ -341,10 +342,7 @@ bool CellTest::confirm(IqSpan iq, const Hypothesis& h, bool drift_known, Confirm
         for (int m = 0; m < kPilots; ++m)
           z[m] = multiply_conj(y[6 * m + first], reference[static_cast<std::size_t>(m)]);
         for (int t = 1; t < kTaps - 1; ++t) {
-          Cf32 sum{};
-          for (int m = 0; m < kPilots; ++m) {
-            sum += multiply(z[m], undo_[static_cast<std::size_t>(t * kCentral + 6 * m + first)]);
-          }
+          const Cf32 sum = kernels::short_dot(z, undo.data() + static_cast<std::size_t>(t * kPilots), kPilots);
           taps_[static_cast<std::size_t>((which * kTaps + t) * grid_slots_ + s)] = sum;
         }
       }

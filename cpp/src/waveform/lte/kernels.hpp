@@ -17,6 +17,17 @@ namespace soopnav::lte::kernels {
   return {a.real() * b.real() + a.imag() * b.imag(), a.imag() * b.real() - a.real() * b.imag()};
 }
 
+/// sum_i a[i] b[i] of a few elements. Split sums: a complex accumulator is several times slower.
+[[nodiscard]] inline Cf32 short_dot(const Cf32* a, const Cf32* b, std::size_t n) noexcept {
+  float re = 0.0F, im = 0.0F;
+  for (std::size_t i = 0; i < n; ++i) {
+    const float ar = a[i].real(), ai = a[i].imag(), br = b[i].real(), bi = b[i].imag();
+    re += ar * br - ai * bi;
+    im += ar * bi + ai * br;
+  }
+  return {re, im};
+}
+
 /// out[i] = a[i] b[i]
 void multiply(const Cf32* a, const Cf32* b, Cf32* out, std::size_t n) noexcept;
 
