@@ -1,62 +1,36 @@
-"""Writes the stubs of soopnav_cpp._core below a folder: pybind11-stubgen's, with enumerations as type checkers want them.
+"""Writes the type stubs of the extension, as they are committed, to a folder: make_stubs.py FOLDER."""
 
-Run by tools/stubs.
-"""
-
-from __future__ import annotations
-
-import enum
 import re
 import subprocess
 import sys
-import types
+import sysconfig
 from pathlib import Path
 
-from soopnav_cpp import _core
+MODULE = "soopnav_cpp._core"
+
+# Enumerations of Python's enum module: their members as the typing specification wants them in a stub.
+MEMBER = re.compile(r"^(    [A-Z][A-Z0-9_]*): typing\.ClassVar\[\w+\].*$", re.MULTILINE)
+NEW = re.compile(r"^    @(?:classmethod|staticmethod)\n    def __new__\(.*\n        \.\.\.\n", re.MULTILINE)
 
 
-def enumerations() -> dict[str, type[enum.Enum]]:
-    """Every enumeration of the extension's modules, by name."""
-    return {
-        name: thing
-        for module in vars(_core).values()
-        if isinstance(module, types.ModuleType)
-        for name, thing in vars(module).items()
-        if isinstance(thing, type) and issubclass(thing, enum.Enum)
-    }
-
-
-def with_members(stub: str, enums: dict[str, type[enum.Enum]]) -> str:
-    """`stub` with the enumerations' members as assignments, and without the constructor that stubgen sees."""
-    for name, enumeration in enums.items():
-        for member in enumeration:
-            stub = re.sub(
-                rf"^(    {member.name}): typing\.ClassVar\[{name}\].*$",
-                rf"\1 = {member.value!r}",
-                stub,
-                flags=re.MULTILINE,
-            )
-    return re.sub(r"^    @classmethod\n    def __new__\(cls, value\):\s+\.\.\.\n", "", stub, flags=re.MULTILINE)
-
-
-def main(folder: Path) -> int:
-    """Write the stubs below `folder`; the exit code is stubgen's."""
-    enums = enumerations()
-    locations = [f"--enum-class-locations={name}:{thing.__module__}" for name, thing in enums.items()]
-    generator = Path(sys.executable).with_name("pybind11-stubgen")
-    made = subprocess.run(
-        [generator, "--exit-code", "--output-dir", folder, *locations, "soopnav_cpp._core"],
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
+def tidy(stub: str) -> str:
+    """The stub with enumerations that a type checker takes."""
+    classes = re.split(r"(?m)^(?=class )", stub)
+    return "".join(
+        NEW.sub("", MEMBER.sub(r"\1 = ...", text)) if re.match(r"class \w+\(enum\.", text) else text for text in classes
     )
-    if made.returncode != 0:
-        print(made.stderr, file=sys.stderr)
-        return made.returncode
-    for stub in folder.rglob("*.pyi"):
-        stub.write_text(with_members(stub.read_text(encoding="utf-8"), enums), encoding="utf-8")
-    return 0
+
+
+def make(folder: Path) -> Path:
+    """Writes the stubs below `folder`; returns the package's folder there."""
+    generate = ["--exit-code", "--output-dir", str(folder), "--numpy-array-use-type-var", MODULE]
+    subprocess.run([sys.executable, "-m", "pybind11_stubgen", *generate], check=True, stdout=subprocess.DEVNULL)
+    for path in folder.rglob("*.pyi"):
+        path.write_text(tidy(path.read_text()))
+    ruff = Path(sysconfig.get_path("scripts"), "ruff")
+    subprocess.run([ruff, "format", "--quiet", "--isolated", "--line-length", "120", str(folder)], check=True)
+    return folder.joinpath(*MODULE.split("."))
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    make(Path(sys.argv[1]))

@@ -130,11 +130,9 @@ def _keys(model: type[pydantic.BaseModel]) -> list[str]:
 
 def _holds(content: object, location: Sequence[int | str]) -> bool:
     for part in location:
-        if isinstance(content, dict) and part in content:
-            content = content[part]
-        elif isinstance(content, list) and isinstance(part, int) and part < len(content):
-            content = content[part]
-        else:
+        try:
+            content = content[part]  # type: ignore[index]  # what cannot be indexed says so
+        except (TypeError, KeyError, IndexError):
             return False
     return True
 

@@ -1,4 +1,7 @@
-"""Sampled signals: correlation, delays, resampling. Samples are ``complex64``, C-contiguous and never copied on the way in."""
+"""Sampled signals: correlation, delays, resampling.
+
+Samples are ``complex64``, C-contiguous and never copied on the way in.
+"""
 
 from __future__ import annotations
 

@@ -32,9 +32,7 @@ def _vectors(name: str, values: npt.ArrayLike) -> tuple[_Array, tuple[int, ...]]
     return array.reshape(-1, 3), array.shape[:-1]
 
 
-def geodetic_to_ecef(
-    latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
-) -> _Array:
+def geodetic_to_ecef(latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike) -> _Array:
     """ECEF position of geodetic places (NGA.STND.0036_1.0.0_WGS84, equations 4-14).
 
     Parameters
@@ -69,9 +67,7 @@ def ecef_to_geodetic(p_e: npt.ArrayLike) -> tuple[_Array, _Array, _Array]:
     return places[:, 0].reshape(shape), places[:, 1].reshape(shape), places[:, 2].reshape(shape)
 
 
-def direction_enu(
-    from_enu_m: npt.ArrayLike, to_enu_m: npt.ArrayLike
-) -> tuple[_Array, _Array, _Array]:
+def direction_enu(from_enu_m: npt.ArrayLike, to_enu_m: npt.ArrayLike) -> tuple[_Array, _Array, _Array]:
     """Where targets are seen from observers, both east-north-up about one origin.
 
     Parameters

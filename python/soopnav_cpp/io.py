@@ -273,8 +273,8 @@ def read_iq(
     Raises
     ------
     CaptureError
-        (a ``ValueError``) for an empty or truncated file, a byte count that is not whole, an unknown format, a rate that
-        is not above zero, metadata that does not fit its data.
+        (a ``ValueError``) for an empty or truncated file, a byte count that is not whole, an unknown format, a rate
+        that is not above zero, metadata that does not fit its data.
     FileNotFoundError
         When `path` is not there.
 
@@ -342,7 +342,8 @@ def write_iq(
     Raises
     ------
     CaptureError
-        For an empty or two-dimensional array, NaN in an integer format, an unknown format, a rate that is not above zero.
+        For an empty or two-dimensional array, NaN in an integer format, an unknown format, a rate that is not above
+        zero.
     """
     sigmf = require("sigmf", "io", "writing SigMF")
     sigmf_validate = require("sigmf.validate", "io", "writing SigMF")

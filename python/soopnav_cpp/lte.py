@@ -88,14 +88,10 @@ def search(
     ValueError
         For another dtype or shape, too few samples, samples that are not finite, options out of range.
     """
-    return _lte.search(
-        iq, sample_rate_hz, max_cfo_hz=max_cfo_hz, decode_mib=decode_mib, max_cells=max_cells
-    )
+    return _lte.search(iq, sample_rate_hz, max_cfo_hz=max_cfo_hz, decode_mib=decode_mib, max_cells=max_cells)
 
 
-def time_of_arrival(
-    iq: npt.NDArray[np.complex64], sample_rate_hz: float, detection: Detection
-) -> TimeOfArrival:
+def time_of_arrival(iq: npt.NDArray[np.complex64], sample_rate_hz: float, detection: Detection) -> TimeOfArrival:
     """Measure when the first path of a cell arrives, a value per radio frame.
 
     Parameters
@@ -200,8 +196,8 @@ def crs(
 def arrival_at(toa: TimeOfArrival, time_s: float = 0.0) -> tuple[float, float]:
     """Refer the times of arrival of a capture's frames to one instant.
 
-    A receiver's clock that runs fast or slow makes ``toa_s`` drift over the capture (1 ppm: 1 µs, or 300 m, per second).
-    A straight line through all frames, weighted by their deviations, takes that out.
+    A receiver's clock that runs fast or slow makes ``toa_s`` drift over the capture (1 ppm: 1 µs, or 300 m, per
+    second). A straight line through all frames, weighted by their deviations, takes that out.
 
     Parameters
     ----------
@@ -221,7 +217,7 @@ def arrival_at(toa: TimeOfArrival, time_s: float = 0.0) -> tuple[float, float]:
         return float(toa.toa_s[0] % _FRAME_S), float(toa.sigma_s[0])
     steps = np.diff(toa.toa_s)
     delays = np.concatenate([[0.0], np.cumsum(steps - _FRAME_S * np.rint(steps / _FRAME_S))])  # no jumps at 10 ms
-    times = toa.toa_s[0] + _FRAME_S * (toa.frame_index - toa.frame_index[0])
+    times = toa.toa_s[0] + delays + _FRAME_S * toa.frame_index
     weights = 1.0 / variances
     total = weights.sum()
     mean_time, mean_delay = weights @ times / total, weights @ delays / total

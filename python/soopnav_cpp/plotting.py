@@ -223,9 +223,7 @@ def _draw_spectrum(
         centre, half = (origin + offset) / 1e6, n_rb * 0.18 / 2.0
         left, right = max(centre - half, frequencies[0]), min(centre + half, frequencies[-1])
         axes.axvspan(left, right, color=_COLOURS[index % len(_COLOURS)], alpha=0.10, linewidth=0)
-        axes.text(
-            (left + right) / 2.0, high + 4.0, f"{n_rb} RB", ha="center", va="center", fontsize=8, color=_INK
-        )
+        axes.text((left + right) / 2.0, high + 4.0, f"{n_rb} RB", ha="center", va="center", fontsize=8, color=_INK)
     axes.set_xlim(frequencies[0], frequencies[-1])
     axes.set_ylim(low - 3.0, high + 8.0)
     label = "frequency in baseband [MHz]" if center_frequency_hz is None else "frequency [MHz]"
@@ -363,9 +361,7 @@ def _draw_ellipse(inset: Axes, axes: Axes, fix: PositionFix) -> None:
         points = ellipse_points(ellipse)
         inset.fill(points[:, 0], points[:, 1], color=_COLOURS[2], alpha=alpha, linewidth=0, label=name)
         inset.plot(points[:, 0], points[:, 1], color=_COLOURS[2], linewidth=1.0)
-        axes.plot(
-            fix.position_m[0] + points[:, 0], fix.position_m[1] + points[:, 1], color=_COLOURS[2], linewidth=0.8
-        )
+        axes.plot(fix.position_m[0] + points[:, 0], fix.position_m[1] + points[:, 1], color=_COLOURS[2], linewidth=0.8)
     inset.plot([0.0], [0.0], "*", color=_COLOURS[2], markersize=10, markeredgecolor="white")
     inset.margins(0.15)
     inset.legend(fontsize=7.5, loc="upper right", frameon=False)

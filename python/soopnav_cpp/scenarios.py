@@ -228,7 +228,7 @@ class ScenarioCell(Model):
     power_db: Annotated[float, Field(ge=-200.0, le=60.0)] = 0.0
     cfo_hz: Annotated[float, Field(ge=-250e3, le=250e3)] = 0.0
     phase_rad: float = 0.0
-    taps: list[Tap] = []
+    taps: list[Tap] = Field(default_factory=list)
 
 
 class LteScenario(Model):

@@ -1,7 +1,7 @@
 """What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss.
 
-Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives the
-same samples.
+Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
+the same samples.
 """
 
 from __future__ import annotations
@@ -110,9 +110,7 @@ def noise_variance_for_snr(signal_power: float, snr_db: float) -> float:
     return _simulation.noise_variance_for_snr(signal_power, snr_db)
 
 
-def noise_variance_for_element_snr(
-    snr_db: float, *, element_power: float = 1.0, transform_gain: float = 1.0
-) -> float:
+def noise_variance_for_element_snr(snr_db: float, *, element_power: float = 1.0, transform_gain: float = 1.0) -> float:
     """Noise variance per sample that gives `snr_db` in each OFDM resource element.
 
     Parameters

@@ -17,9 +17,7 @@ FAST = {"max_cfo_hz": 2e3}
 
 def capture(duration_s=0.02, rate_hz=RATE, **cell):
     cell = {"cell_id": 137, "n_ports": 1, "delay_s": 3.21e-3} | cell
-    return sn.lte.synthesize(
-        sn.lte.CellParameters(**cell), rate_hz, round(duration_s * rate_hz), snr_db=20.0, seed=3
-    )
+    return sn.lte.synthesize(sn.lte.CellParameters(**cell), rate_hz, round(duration_s * rate_hz), snr_db=20.0, seed=3)
 
 
 def refusal(call, *args, **kwargs):
@@ -160,7 +158,9 @@ SILENT = {
     "full scale": lambda n: np.sign(np.random.default_rng(2).normal(size=2 * n)).astype(np.float32).view(np.complex64),
     "a tone": lambda n: np.exp(2j * np.pi * 0.1 * np.arange(n)).astype(np.complex64),
     "smallest floats": lambda n: np.full(n, 1e-45 + 1e-45j, np.complex64),
-    "largest floats": lambda n: (np.random.default_rng(3).normal(size=2 * n) * 1e37).astype(np.float32).view(np.complex64),
+    "largest floats": lambda n: (
+        (np.random.default_rng(3).normal(size=2 * n) * 1e37).astype(np.float32).view(np.complex64)
+    ),
 }
 
 

@@ -22,8 +22,7 @@ pytestmark = pytest.mark.unit
 C = 299_792_458.0
 HERE = (180.0, -120.0, 1.5)
 CELLS = {301: (150.0, 620.0, 35.0), 115: (900.0, 240.0, 42.0), 42: (520.0, -780.0, 28.0), 277: (-640.0, -510.0, 31.0)}
-SCENARIO = (
-    """\
+SCENARIO = """\
 [capture]
 sample_rate_hz = 3.84e6
 center_frequency_hz = 806e6
@@ -35,11 +34,9 @@ format = "ci8"
 position_m = [180.0, -120.0, 1.5]
 clock_bias_s = 3.2e-3
 clock_error_ppm = 1.7
-"""
-    + "".join(
-        f"[[cells]]\ncell_id = {cell_id}\nn_rb = 15\nn_ports = 2\nstart_sfn = 412\nposition_m = {list(place)}\n"
-        for cell_id, place in CELLS.items()
-    )
+""" + "".join(
+    f"[[cells]]\ncell_id = {cell_id}\nn_rb = 15\nn_ports = 2\nstart_sfn = 412\nposition_m = {list(place)}\n"
+    for cell_id, place in CELLS.items()
 )
 NODES = "[receiver]\nheight_m = 1.5\n" + "".join(
     f"[[nodes]]\ncell_id = {cell_id}\nposition_m = [{e}, {n}, 0.0]\nantenna_height_m = {u}\nsigma_s = 3e-9\n"
@@ -86,7 +83,9 @@ def test_scan_prints_a_table(city):
     assert rows.keys() == CELLS.keys()
     for row in rows.values():
         assert re.fullmatch(
-            r" *\d+ +FDD +normal +15 +2 +412 +\+1\.37 kHz +\+[12]\.\d\d ppm +−?\d+\.\d dB +3\.20\d \d{3} ms ± [\d.]+ m?m *", row
+            r" *\d+ +FDD +normal +15 +2 +412 +\+1\.37 kHz +\+[12]\.\d\d ppm +−?\d+\.\d dB "
+            r"+3\.20\d \d{3} ms ± [\d.]+ m?m *",
+            row,
         ), row
     assert re.fullmatch(r"4 cells in \d+\.\d\d s \(\d+\.\d× real time\)", lines[-1])
 
@@ -137,10 +136,16 @@ def test_scan_of_noise(tmp_path):
 
 
 SCAN_MISTAKES = {
-    "too short": (lambda: np.ones(4800), "{path}: 4 800 samples (2.5 ms) are too few; one half-frame and a symbol (5.2 ms) are needed"),
-    "one sample": (lambda: np.ones(1), "{path}: 1 sample (0.000521 ms) is too few; one half-frame and a symbol (5.2 ms) are needed"),
+    "too short": (
+        lambda: np.ones(4800),
+        "{path}: 4 800 samples (2.5 ms) are too few; one half-frame and a symbol (5.2 ms) are needed",
+    ),
+    "one sample": (
+        lambda: np.ones(1),
+        "{path}: 1 sample (0.000521 ms) is too few; one half-frame and a symbol (5.2 ms) are needed",
+    ),
     "not finite": (lambda: np.where(np.arange(38_400) == 17, math.nan, 0.0), "{path}: sample 17 is not finite"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", SCAN_MISTAKES)
@@ -161,7 +166,10 @@ def test_scan_refuses_files(tmp_path):
     assert run("scan", empty, "--rate", "1e6", code=2).stderr == f"{empty}: the file is empty; ci8 samples expected\n"
     odd = tmp_path / "odd.cu8"
     odd.write_bytes(bytes(19_999))
-    assert "19999 bytes of samples are not a whole number of cu8 samples" in run("scan", odd, "--rate", 1.92e6, code=2).stderr
+    assert (
+        "19999 bytes of samples are not a whole number of cu8 samples"
+        in run("scan", odd, "--rate", 1.92e6, code=2).stderr
+    )
     even = tmp_path / "even.cu8"
     even.write_bytes(bytes(40_000))
     for rate in ("0", "-1.92e6", "nan"):
@@ -266,8 +274,8 @@ def test_locate_names_what_it_does_not_use(city, tmp_path):
 LOCATE_MISTAKES = {
     "too few nodes": (
         NODES.split("[[nodes]]\ncell_id = 42")[0],
-        "2 usable nodes (cell 301 and 115), fewer than the 3 unknowns of a position in two dimensions and the receiver's "
-        "clock; found but not in the nodes file: 42 and 277",
+        "2 usable nodes (cell 301 and 115), fewer than the 3 unknowns of a position in two dimensions and the "
+        "receiver's clock; found but not in the nodes file: 42 and 277",
     ),
     "too few in three dimensions": (
         NODES.replace("[receiver]\nheight_m = 1.5\n", "").split("[[nodes]]\ncell_id = 277")[0],
@@ -276,8 +284,8 @@ LOCATE_MISTAKES = {
     ),
     "collinear": (
         re.sub(r"position_m = \[(\S+), \S+, 0.0\]", r"position_m = [\1, 50.0, 0.0]", NODES),
-        "the nodes (cells 301, 115, 42 and 277) stand in one line, so that a position and its mirror image fit equally; "
-        "a node off that line is needed",
+        "the nodes (cells 301, 115, 42 and 277) stand in one line, so that a position and its mirror image fit "
+        "equally; a node off that line is needed",
     ),
 }
 
@@ -371,17 +379,20 @@ def test_the_installed_command(city, tmp_path):
 def test_missing_extras_are_named(tmp_path):
     block = "import sys; sys.modules[{name!r}] = None; "
     for name, statement, sentence in (
-        ("click", "from soopnav_cpp.cli import main; main()", "the soopnav command needs click: pip install soopnav[cli]"),
-        ("sigmf", "import soopnav_cpp as s; s.io.read_iq({path!r})", "reading SigMF needs sigmf: pip install soopnav[io]"),
-        ("matplotlib", "import soopnav_cpp as s; s.plotting.scan(None, 1.0, [], [])", "drawing needs matplotlib: pip install "
-         "soopnav[plot]"),
-    ):  # fmt: skip
+        ("click", "from soopnav_cpp.cli import main; main()", "the soopnav command needs click: {pip}[cli]"),
+        ("sigmf", "import soopnav_cpp as s; s.io.read_iq({path!r})", "reading SigMF needs sigmf: {pip}[io]"),
+        (
+            "matplotlib",
+            "import soopnav_cpp as s; s.plotting.scan(None, 1.0, [], [])",
+            "drawing needs matplotlib: {pip}[plot]",
+        ),
+    ):
         path = tmp_path / "x.sigmf-meta"
         path.write_text("{}")
         program = block.format(name=name) + statement.format(path=str(path))
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
         assert done.returncode == 1
-        assert done.stderr.strip().endswith(sentence)
+        assert done.stderr.strip().endswith(sentence.format(pip="pip install soopnav"))
 
 
 def test_numpy_is_all_that_importing_needs():

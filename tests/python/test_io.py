@@ -120,7 +120,11 @@ RAW_MISTAKES = {
         {"sample_rate_hz": 1e6, "format": "cf32"},
         r"x\.raw: 7 bytes of samples are not a whole number of cf32 samples \(8 bytes each\); truncated",
     ),
-    "odd byte count of a byte format": (bytes(3), {"sample_rate_hz": 1e6, "format": "cu8"}, "not a whole number of cu8"),
+    "odd byte count of a byte format": (
+        bytes(3),
+        {"sample_rate_hz": 1e6, "format": "cu8"},
+        "not a whole number of cu8",
+    ),
     "unknown format": (
         bytes(8),
         {"sample_rate_hz": 1e6, "format": "cq7"},
@@ -179,7 +183,9 @@ def test_metadata_of_a_missing_data_file(tmp_path):
 def test_metadata_of_a_longer_file(tmp_path):
     path = write_sigmf(tmp_path, bytes(8))
     long_note = [{"core:sample_start": 2, "core:sample_count": 100}]
-    with pytest.raises(io.CaptureError, match=r"holds 4 samples, but annotations\[0\] .* reaches sample 102; truncated"):
+    with pytest.raises(
+        io.CaptureError, match=r"holds 4 samples, but annotations\[0\] .* reaches sample 102; truncated"
+    ):
         io.read_iq(edit(path, lambda meta: meta.update(annotations=long_note)))
     late = [{"core:sample_start": 0}, {"core:sample_start": 50}]
     with pytest.raises(io.CaptureError, match="holds 4 samples, but the metadata has a segment at sample 50"):

@@ -5,7 +5,8 @@
 /// Compiles a hot kernel twice, for AVX2 and for the baseline, and picks one when the program is loaded.
 ///
 /// Kernels marked so must give the same bits either way: element by element, or summed in a fixed number of lanes in a
-/// fixed order (contraction to fused multiply-adds is off for the whole project). Empty where the compiler or the C
+/// fixed order. That is why the wider set is AVX2 alone and not x86-64-v3: given FMA instructions, GCC 12 fuses complex
+/// products into them (vfmaddsub) even under -ffp-contract=off. Empty where the compiler or the C
 /// library cannot choose at load time, and when SOOPNAV_NO_TARGET_CLONES is defined (sanitizer builds).
 #ifndef SOOPNAV_TARGET_CLONES
 #if !defined(SOOPNAV_NO_TARGET_CLONES) && defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && \

@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "dsp/target_clones.hpp"
+#include "core/target_clones.hpp"
 
 namespace soopnav::dsp::detail {
 namespace {

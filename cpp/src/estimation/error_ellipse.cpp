@@ -24,8 +24,10 @@ double probability_of_axes(double major, double minor, double radius) {
   double sum = 0.0;
   for (int i = 0; i < kSteps; ++i) {
     const double phi = std::numbers::pi * (i + 0.5) / kSteps;
-    const double c2 = std::pow(std::cos(phi), 2);
-    const double s2 = std::pow(k * std::sin(phi), 2);
+    const double c = std::cos(phi);
+    const double s = k * std::sin(phi);
+    const double c2 = c * c;
+    const double s2 = s * s;
     const double variance = (major * major * c2 + minor * minor * s2) / (c2 + s2);
     sum += -std::expm1(-q / variance) * k / (c2 + s2);
   }

@@ -178,9 +178,12 @@ struct Solver {
       rho[static_cast<Eigen::Index>(k)] = data.rho[i];
     }
     const std::span<const Observed<Model>> group(observed.data(), nodes.size());
-    // A mirror image is another position however near; without one, two minima within a standard deviation are one.
+    const int dof = static_cast<int>(nodes.size()) - State::kDim;
+    // The second answer of a mirror or of the minimum of nodes is another position however near; with nodes to spare,
+    // two minima within a standard deviation are one.
+    const bool two_answers = dof == 0 || in_line(data, nodes, height.has_value());
     const LeastSquaresOptions solver_options{.max_iterations = options.max_iterations,
-                                             .distinct_sigmas = in_line(data, nodes, height.has_value()) ? 1e-3 : 1.0};
+                                             .distinct_sigmas = two_answers ? 1e-3 : 1.0};
     const double ambiguity = chi_square_upper_quantile(options.false_alarm_probability, 1.0);
 
     constexpr std::size_t kMaxStarts = 24;
@@ -193,7 +196,6 @@ struct Solver {
       starts[count++] = make_state<State>(c.position_m, c.clock_bias_m);
     }
     auto result = solve_from<kMaxRows>(std::span<const State>(starts.data(), count), solver_options, ambiguity, group);
-    const int dof = static_cast<int>(nodes.size()) - State::kDim;
     const bool solved = result.best.status == SolveStatus::kConverged ||
                         result.best.status == SolveStatus::kAmbiguous ||
                         result.best.status == SolveStatus::kRankDeficient;
@@ -277,6 +279,55 @@ void predict_rejected(const Data& data, std::size_t node, const Fit& fit, double
   gate = k * std::sqrt(data.sigma[node] * data.sigma[node] + row.dot(fit.covariance * row));
 }
 
+// The best fit without one or two of the nodes, and who else might be left out instead.
+struct Removal {
+  std::array<std::size_t, 2> at{};  // places among the indices, ascending
+  std::size_t count = 0;
+  Fit fit;
+  double runner_up = std::numeric_limits<double>::infinity();
+};
+
+Indices without(const Indices& nodes, const std::array<std::size_t, 2>& at, std::size_t count) {
+  Indices rest = nodes;
+  for (std::size_t k = count; k-- > 0;) rest.erase_at(at[k]);
+  return rest;
+}
+
+// Leaves out each node (count 1) or each pair (count 2) in turn; `chi_without` takes the chi-square without each node.
+Removal best_removal(const Solver& solver, const Indices& nodes, std::size_t count,
+                     std::array<double, kMaxNodes>* chi_without = nullptr) {
+  Removal best;
+  best.count = count;
+  best.fit.chi_square = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    for (std::size_t j = count == 1 ? i : i + 1; j < (count == 1 ? i + 1 : nodes.size()); ++j) {
+      const std::array<std::size_t, 2> at{i, j};
+      const Fit trial = solver.fit(without(nodes, at, count));
+      const double chi = is_solution(trial) ? trial.chi_square : std::numeric_limits<double>::infinity();
+      if (chi_without != nullptr) (*chi_without)[i] = chi;
+      if (chi < best.fit.chi_square) {
+        best.runner_up = best.fit.chi_square;
+        best.fit = trial;
+        best.at = at;
+      } else {
+        best.runner_up = std::min(best.runner_up, chi);
+      }
+    }
+  }
+  return best;
+}
+
+// Whether all nodes of a removal lie outside the gate of the fit without them.
+bool outside_gate(const Data& data, const Indices& nodes, const Removal& removal, double gate_sigmas) {
+  for (std::size_t k = 0; k < removal.count; ++k) {
+    double residual = 0.0;
+    double gate = 0.0;
+    predict_rejected(data, nodes[removal.at[k]], removal.fit, gate_sigmas, residual, gate);
+    if (!(std::abs(residual) > gate)) return false;
+  }
+  return true;
+}
+
 Outcome attempt(const Solver& solver) {
   const Data& data = solver.data;
   const double false_alarm = solver.options.false_alarm_probability;
@@ -286,55 +337,40 @@ Outcome attempt(const Solver& solver) {
   if (static_cast<int>(out.used.size()) < unknowns) return out;
   out.fit = solver.fit(out.used);
   const auto limit = [&](int dof) { return chi_square_upper_quantile(false_alarm, std::max(dof, 1)); };
+  // A second choice as good as the first: with equal priors the odds are exp(difference / 2), and 19 to 1 are wanted.
+  const double separation = 2.0 * std::log(19.0);
   bool consistent = true;
   while (true) {
     const int dof = static_cast<int>(out.used.size()) - unknowns;
     // Each node's share of the false alarms (Bonferroni).
     out.gate_sigmas = normal_two_sided_gate(false_alarm / static_cast<double>(out.used.size()));
-    const std::span<const double> w(out.fit.normalized.data(), out.used.size());
-    const double worst =
-        std::abs(*std::max_element(w.begin(), w.end(), [](double a, double b) { return std::abs(a) < std::abs(b); }));
+    double worst = 0.0;
+    for (std::size_t k = 0; k < out.used.size(); ++k) worst = std::max(worst, std::abs(out.fit.normalized[k]));
     consistent = out.fit.chi_square <= limit(dof);
     if ((consistent && worst <= out.gate_sigmas) || dof < 2 || !solver.options.reject_outliers) break;
 
-    // The node without which the others agree best, and how well they would without any other.
-    Fit without;
-    std::size_t at_fault = 0;
-    double runner_up = std::numeric_limits<double>::infinity();
-    without.chi_square = std::numeric_limits<double>::infinity();
     std::array<double, kMaxNodes> chi_without{};
-    for (std::size_t k = 0; k < out.used.size(); ++k) {
-      Indices others = out.used;
-      others.erase_at(k);
-      const Fit trial = solver.fit(others);
-      chi_without[k] = std::numeric_limits<double>::infinity();
-      if (!is_solution(trial)) continue;
-      chi_without[k] = trial.chi_square;
-      if (trial.chi_square < without.chi_square) {
-        runner_up = without.chi_square;
-        without = trial;
-        at_fault = k;
-      } else {
-        runner_up = std::min(runner_up, trial.chi_square);
+    Removal removal = best_removal(solver, out.used, 1, &chi_without);
+    if (!(removal.fit.chi_square <= limit(dof - 1))) {
+      // One node does not explain it. Two wrong nodes can hide each other from a search one at a time.
+      constexpr std::size_t kMostForPairs = 20;
+      if (dof >= 3 && out.used.size() <= kMostForPairs) {
+        const Removal pair = best_removal(solver, out.used, 2);
+        const bool explains =
+            pair.fit.chi_square <= limit(dof - 2) && pair.runner_up - pair.fit.chi_square > separation;
+        if (explains && outside_gate(data, out.used, pair, out.gate_sigmas)) removal = pair;
       }
-    }
-    if (!std::isfinite(without.chi_square)) break;
-    double residual = 0.0;
-    double gate = 0.0;
-    predict_rejected(data, out.used[at_fault], without, out.gate_sigmas, residual, gate);
-    if (!(std::abs(residual) > gate)) break;
-    // A second suspect as good as the first: with equal priors the odds are exp(difference / 2), and 19 to 1 are
-    // wanted. While more than one node is wrong the order does not matter.
-    const double separation = 2.0 * std::log(19.0);
-    if (without.chi_square <= limit(dof - 1) && runner_up - without.chi_square < separation) {
-      for (std::size_t k = 0; k < out.used.size(); ++k) {
-        if (chi_without[k] - without.chi_square < separation) static_cast<void>(out.suspects.push_back(out.used[k]));
+    } else if (removal.runner_up - removal.fit.chi_square < separation) {
+      for (std::size_t k = 0; !consistent && k < out.used.size(); ++k) {
+        if (chi_without[k] - removal.fit.chi_square < separation)
+          static_cast<void>(out.suspects.push_back(out.used[k]));
       }
       break;
     }
-    static_cast<void>(out.rejected.push_back(out.used[at_fault]));
-    out.used.erase_at(at_fault);
-    out.fit = without;
+    if (!std::isfinite(removal.fit.chi_square) || !outside_gate(data, out.used, removal, out.gate_sigmas)) break;
+    for (std::size_t k = 0; k < removal.count; ++k) static_cast<void>(out.rejected.push_back(out.used[removal.at[k]]));
+    out.used = without(out.used, removal.at, removal.count);
+    out.fit = removal.fit;
   }
 
   // A node that was taken out while others were wrong may be right after all.

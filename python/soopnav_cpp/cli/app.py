@@ -139,9 +139,7 @@ def scan(
 
 @cli.command(short_help="Find where CAPTURE was recorded.")
 @click.argument("capture", type=click.Path(path_type=Path))
-@click.option(
-    "--nodes", type=click.Path(path_type=Path), required=True, metavar="TOML", help="Where the cells stand."
-)
+@click.option("--nodes", type=click.Path(path_type=Path), required=True, metavar="TOML", help="Where the cells stand.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 @click.option(
     "--out",

@@ -139,7 +139,7 @@ def _solve(
             for h in heard
         ]
     )
-    # A stated height is one above the ellipsoid, from which a tangent plane bends away: centre the plane on the solution.
+    # A stated height is one above the ellipsoid, from which a tangent plane bends away: centre it on the solution.
     latitude, longitude = places[0, :2]
     base = places[0, 2] if height is None else height
     for attempt in range(_RECENTRINGS + 1):
@@ -175,8 +175,8 @@ def _refuse(located: Located) -> None:
         unknowns = 4 if nodes.receiver.height_m is None else 3
         usable = sum(use in (NodeUse.USED, NodeUse.REJECTED) for use in fix.use)
         reason = (
-            f"{usable} usable node{'s' * (usable != 1)} (cell {cells}), fewer than the {unknowns} unknowns of a position in "
-            f"{dimensions} and the receiver's clock{hint}"
+            f"{usable} usable node{'s' * (usable != 1)} (cell {cells}), fewer than the {unknowns} unknowns of a "
+            f"position in {dimensions} and the receiver's clock{hint}"
         )
     elif fix.nodes_in_line and nodes.receiver.height_m is not None:
         reason = (
@@ -369,8 +369,10 @@ _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#22303c;max-width:60rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin-bottom:.2rem} h2{font-size:1.1rem;margin-top:2rem}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums} td,th{padding:.25rem .8rem;text-align:right}
-th{border-bottom:1px solid #22303c} td:first-child,th:first-child{text-align:left} tr:nth-child(even) td{background:#f3f6f8}
-img{max-width:100%} .lead{font-size:1.1rem} .rejected td{color:#d1495b} footer{margin-top:2rem;color:#5c677d;font-size:.85rem}
+th{border-bottom:1px solid #22303c} td:first-child,th:first-child{text-align:left}
+tr:nth-child(even) td{background:#f3f6f8}
+img{max-width:100%} .lead{font-size:1.1rem} .rejected td{color:#d1495b}
+footer{margin-top:2rem;color:#5c677d;font-size:.85rem}
 """
 
 

@@ -27,7 +27,12 @@ def progress(*, after_s: float = 2.0, console: Console | None = None) -> Iterato
     """
     where = console or Console(stderr=True)
     bar = Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=where, transient=True
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=where,
+        transient=True,
     )
     task = bar.add_task("starting", total=None)
     timer = threading.Timer(after_s, bar.start)

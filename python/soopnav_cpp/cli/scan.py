@@ -42,9 +42,7 @@ class Scan:
     elapsed_s: float
 
 
-def scan(
-    capture: Path, *, rate_hz: float | None, sample_format: str | None, max_cfo_hz: float, step: Steps
-) -> Scan:
+def scan(capture: Path, *, rate_hz: float | None, sample_format: str | None, max_cfo_hz: float, step: Steps) -> Scan:
     """Read, search and time."""
     step(f"reading {capture.name}")
     iq, metadata = io.read_iq(capture, sample_rate_hz=rate_hz, format=sample_format)
@@ -137,7 +135,9 @@ def print_table(result: Scan, console: Console) -> None:
                 text.frequency_offset(detection.cfo_hz),
                 f"{text.signed(detection.clock_error_ppm, 2)} ppm",
                 f"{text.plain(detection.snr_db, 1)} dB",
-                f"{text.milliseconds(toa[0])} ± {text.metres(toa[1] * text.SPEED_OF_LIGHT_MPS)}" if toa else "not resolved",
+                f"{text.milliseconds(toa[0])} ± {text.metres(toa[1] * text.SPEED_OF_LIGHT_MPS)}"
+                if toa
+                else "not resolved",
             )
         console.print(table, highlight=False)
     count = len(result.cells)

@@ -10,7 +10,7 @@
 namespace soopnav::navigation {
 namespace {
 
-struct Run {
+struct Arrivals {
   test::Scene scene;
   std::vector<double> toas, sigmas;
   [[nodiscard]] PositionFix fix(const PositionFixOptions& options) const {
@@ -19,11 +19,11 @@ struct Run {
 };
 
 // Seven masts, noise below the gate, unequal weights.
-Run make_run(std::uint64_t seed) {
+Arrivals make_arrivals(std::uint64_t seed) {
   RandomStream random(seed);
   auto positions = test::town();
   positions.insert(positions.end(), {{1800, 1200, 160}, {-2000, -300, 25}});
-  Run run{test::Scene(positions), {}, {}};
+  Arrivals run{test::Scene(positions), {}, {}};
   run.scene.receiver_m = {random.uniform(-500, 500), random.uniform(-500, 500), random.uniform(0, 5)};
   run.scene.clock_bias_s = random.uniform(-5e-3, 5e-3);
   run.toas = run.scene.toas_s();
@@ -47,9 +47,9 @@ void expect_equal(const PositionFix& a, const PositionFix& b, double tolerance_m
 }
 
 TEST_P(PositionFixLaw, ACommonClockShiftMovesOnlyTheClock) {
-  const Run run = make_run(GetParam());
+  const Arrivals run = make_arrivals(GetParam());
   for (const double shift : {1e-6, 3.3e-3, 7e-3, -4.4e-3}) {
-    Run shifted = run;
+    Arrivals shifted = run;
     for (double& t : shifted.toas) t = t + shift - 10e-3 * std::floor((t + shift) / 10e-3);
     for (const auto& options : {PositionFixOptions{}, test::planar(1.5)}) {
       const auto a = run.fix(options);
@@ -61,8 +61,8 @@ TEST_P(PositionFixLaw, ACommonClockShiftMovesOnlyTheClock) {
 }
 
 TEST_P(PositionFixLaw, TranslationCarriesOver) {
-  const Run run = make_run(GetParam());
-  Run moved = run;
+  const Arrivals run = make_arrivals(GetParam());
+  Arrivals moved = run;
   const Eigen::Vector3d shift(3e5, -4e5, 2e3);
   for (auto& node : moved.scene.nodes) node.position_m += shift;
   for (const bool flat : {false, true}) {
@@ -75,9 +75,9 @@ TEST_P(PositionFixLaw, TranslationCarriesOver) {
 }
 
 TEST_P(PositionFixLaw, TurningAboutTheVerticalCarriesOver) {
-  const Run run = make_run(GetParam());
+  const Arrivals run = make_arrivals(GetParam());
   const Eigen::Matrix3d turn = Eigen::AngleAxisd(2.1, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-  Run turned = run;
+  Arrivals turned = run;
   for (auto& node : turned.scene.nodes) node.position_m = turn * node.position_m;
   for (const auto& options : {PositionFixOptions{}, test::planar(1.5)}) {
     auto a = run.fix(options);
@@ -90,8 +90,8 @@ TEST_P(PositionFixLaw, TurningAboutTheVerticalCarriesOver) {
 }
 
 TEST_P(PositionFixLaw, OrderOfNodesDoesNotMatter) {
-  const Run run = make_run(GetParam());
-  Run reversed = run;
+  const Arrivals run = make_arrivals(GetParam());
+  Arrivals reversed = run;
   std::reverse(reversed.scene.nodes.begin(), reversed.scene.nodes.end());
   std::reverse(reversed.toas.begin(), reversed.toas.end());
   std::reverse(reversed.sigmas.begin(), reversed.sigmas.end());
@@ -102,16 +102,16 @@ TEST_P(PositionFixLaw, OrderOfNodesDoesNotMatter) {
 }
 
 TEST_P(PositionFixLaw, AClockOffsetAndItsArrivalCancel) {
-  const Run run = make_run(GetParam());
-  Run late = run;
+  const Arrivals run = make_arrivals(GetParam());
+  Arrivals late = run;
   late.scene.nodes[3].clock_offset_s += 2.5e-3;
   late.toas[3] = std::fmod(late.toas[3] + 2.5e-3, 10e-3);
   expect_equal(run.fix(test::planar(1.5)), late.fix(test::planar(1.5)), 1e-4);
 }
 
 TEST_P(PositionFixLaw, AUselessNodeChangesNothing) {
-  const Run run = make_run(GetParam());
-  Run more = run;
+  const Arrivals run = make_arrivals(GetParam());
+  Arrivals more = run;
   more.scene.nodes.push_back({.position_m = {50, 60, 70}});
   more.toas.push_back(1e-3);
   more.sigmas.push_back(10.0);  // three million kilometres

@@ -24,7 +24,8 @@ using test::search_rates;
 using test::SearchRates;
 using test::wrapped_s;
 
-// The bar is a rate of 0.9. In 60 trials a true rate of 0.96 gives fewer than 50 with probability below 1e-4 (binomial).
+// The bar is a rate of 0.9. In 60 trials a true rate of 0.96 gives fewer than 50 with probability below 1e-4
+// (binomial).
 constexpr int kRuns = 60, kAtLeast = 50;
 
 TEST(SearchSensitivity, IdentityAtMinusFourteenDecibelsWithSyncOnBothPorts) {
@@ -137,7 +138,8 @@ TEST_F(ThreeCells, AllAreFoundAndTheirDelayDifferencesHold) {
 }
 
 TEST_F(ThreeCells, TheWeakestIsNotThereWithoutCancelling) {
-  const auto base = dsp::resample(iq_, kRateHz, kBaseRateHz, {.passband = 0.72, .stopband = 1.28, .attenuation_db = 60.0});
+  const auto base =
+      dsp::resample(iq_, kRateHz, kBaseRateHz, {.passband = 0.72, .stopband = 1.28, .attenuation_db = 60.0});
   PssCorrelator correlator({.max_cfo_hz = 4.5e3,
                             .spacing_hz = 3e3,
                             .inverse_size = 10240,
@@ -161,7 +163,8 @@ TEST_F(ThreeCells, TheWeakestIsNotThereWithoutCancelling) {
   CellTest cell_test;
   std::vector<ConfirmedCell> confirmed;
   for (const PssCandidate& candidate : candidates) {
-    cell_test.examine(base, candidate, true, [](int) { return false; }, confirmed);
+    cell_test.examine(
+        base, candidate, true, [](int) { return false; }, confirmed);
   }
   std::set<int> ids;
   for (const ConfirmedCell& cell : confirmed) ids.insert(cell.cell_id);

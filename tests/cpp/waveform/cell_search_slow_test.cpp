@@ -66,7 +66,8 @@ TEST(SearchCancellationSlow, ThreeCellsOfAnyIdentity) {
     const auto iq = synthesize(cells, 30.72e6, 2457600, noise_variance_for_snr(25.0), random.next_u64());
     static_cast<void>(searcher.search(iq));
     int found = 0;
-    for (const CellParameters& cell : cells) found += test::find(searcher.detections(), cell.cell_id) != nullptr ? 1 : 0;
+    for (const CellParameters& cell : cells)
+      found += test::find(searcher.detections(), cell.cell_id) != nullptr ? 1 : 0;
     others += static_cast<int>(searcher.detections().size()) - found;
     all += found == 3 ? 1 : 0;
   }

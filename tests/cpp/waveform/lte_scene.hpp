@@ -12,7 +12,8 @@
 #include "soopnav/waveform/lte/sequences.hpp"
 #include "soopnav/waveform/lte/synthesis.hpp"
 
-/// What the tests of the LTE receiver share: cells, their truth, and bounds computed apart from the receiver's own code.
+/// What the tests of the LTE receiver share: cells, their truth, and bounds computed apart from the receiver's own
+/// code.
 namespace soopnav::lte::test {
 
 /// Seconds between times that count modulo a radio frame, -5 ms ... 5 ms.

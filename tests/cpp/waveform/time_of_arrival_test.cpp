@@ -77,10 +77,10 @@ TEST_P(ToaKinds, EveryFramesDelay) {
   cell.cp = kind.cp;
   cell.duplex = kind.duplex;
   cell.tdd_configuration = kind.tdd_configuration;
-  cell.delay_s = random.uniform(1e-3, 3e-3);  // three whole frames in 33 ms, and most of none
+  cell.delay_s = random.uniform(0.1e-3, 0.3e-3);  // three whole frames in 30.4 ms, and less than a subframe of others
   cell.cfo_hz = random.uniform(-8e3, 8e3);
   cell.clock_error_ppm = random.uniform(-10.0, 10.0);
-  const auto iq = capture(cell, kind.rate_hz, 33.5e-3, 15.0, 2);
+  const auto iq = capture(cell, kind.rate_hz, 30.4e-3, 15.0, 2);
   ToaEstimator estimator(kind.rate_hz);
   TimeOfArrival toa;
   ASSERT_EQ(estimator.estimate(iq, roughly(cell), toa), ToaStatus::kOk);

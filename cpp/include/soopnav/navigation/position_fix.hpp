@@ -38,8 +38,9 @@ enum class FixDimension : std::uint8_t {
 /// What a fix may assume. Lengths in metres in the nodes' frame.
 struct PositionFixOptions {
   FixDimension dimension = FixDimension::kAuto;
-  std::optional<double> height_m;         ///< the receiver's third coordinate in a planar fix
-  std::optional<Eigen::Vector3d> near_m;  ///< where two positions fit equally, the one nearer to this is taken
+  std::optional<double> height_m = std::nullopt;  ///< the receiver's third coordinate in a planar fix
+  std::optional<Eigen::Vector3d> near_m =
+      std::nullopt;         ///< where two positions fit equally, the one nearer to this is taken
   double period_s = 10e-3;  ///< times of arrival repeat after this (LTE radio frame); infinity: they do not
   bool reject_outliers = true;
   double false_alarm_probability = 1e-3;  ///< of each test of a fix whose nodes are all good, in (0, 0.5)
@@ -126,7 +127,8 @@ struct PositionFix {
 ///
 /// Starts come in closed form from the nodes (eq. 11 to 13), so none is asked for; where two positions fit, both are
 /// reported. With at least two nodes more than unknowns one outlier is found and rejected at a time: the one without
-/// which the others agree best, if it lies outside the gate of their prediction.
+/// which the others agree best, if it lies outside the gate of their prediction and the second best is 19 times less
+/// likely. Among at most 20 nodes two are sought together where one does not explain the disagreement.
 ///
 /// `nodes`, `toas_s`, `sigmas_s`: one for each node, at most `kMaxNodes`, in any order. A node whose time or standard
 /// deviation is not finite, or whose standard deviation is not positive, is left out: see `PositionFix::use`.

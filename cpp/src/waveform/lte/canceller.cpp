@@ -148,7 +148,7 @@ void Canceller::subtract(const LinkState& state, const CrsTracker& tracker, std:
 void Canceller::subtract_pbch(const LinkState& state, const CrsTracker& tracker, const MasterInformationBlock& mib,
                               std::span<Cf32> iq) {
   const CrsCell& cell = tracker.cell();
-  CellParameters sent;
+  CellParameters& sent = sent_;
   sent.cell_id = cell.cell_id;
   sent.n_rb = mib.n_rb;
   sent.n_ports = cell.n_ports;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "soopnav/waveform/lte/pbch.hpp"
+#include "soopnav/waveform/lte/synthesis.hpp"
 #include "waveform/lte/cell_test.hpp"
 #include "waveform/lte/crs_tracker.hpp"
 #include "waveform/lte/delay_subspace.hpp"
@@ -35,6 +36,7 @@ class Canceller {
   DelaySubspace sync_;
   std::vector<DelaySubspace> comb_;  // by the comb's lower shift 0 ... 2
   std::vector<Cf32> bins_, symbol_, rotator_, grid_;
+  CellParameters sent_;  // kept, for it owns memory
 };
 
 /// Frequencies -31 ... -1, 1 ... 31 of the synchronisation signals.

@@ -127,7 +127,7 @@ bool CrsTracker::read_frame(IqSpan iq, const LinkState& state, int frame, int fi
     }
   }
   if (symbols < std::max(1, min_symbols)) return false;
-  for (int port = 0; port < cell_.n_ports; ++port) {
+  for (int port = 0; port < (slots == 1 ? std::min(cell_.n_ports, 2) : cell_.n_ports); ++port) {
     for (const int c : count_[static_cast<std::size_t>(port)]) {
       if (c == 0) return false;  // a port not heard on both halves of the comb
     }
@@ -143,6 +143,10 @@ bool CrsTracker::read_frame(IqSpan iq, const LinkState& state, int frame, int fi
     for (int half = 0; half < 2; ++half) {
       const int n = count_[static_cast<std::size_t>(port)][static_cast<std::size_t>(half)];
       const Cf32* sum = sums_.data() + (static_cast<std::size_t>(port) * 2 + static_cast<std::size_t>(half)) * count;
+      if (n == 0) {
+        for (std::size_t i = 0; i < count; ++i) to[2 * i + static_cast<std::size_t>(half)] = Cf32{};
+        continue;
+      }
       explained += kernels::energy(sum, count) / n;
       freedom += static_cast<double>(n - 1) * static_cast<double>(count);
       const float scale = 1.0F / static_cast<float>(n);

@@ -49,7 +49,8 @@ class CrsTracker {
   void read(IqSpan iq, const LinkState& state, int min_symbols);
 
   /// Reads slots `first_slot` ... `first_slot + slots - 1` of `frame` as the only "frame"; false when a port was not
-  /// heard on both halves of the comb. Allocates nothing after the first call for a cell.
+  /// heard on both halves of the comb. A single slot has ports 2 and 3 on one half only: the other is zero then.
+  /// Allocates nothing after the first call for a cell.
   [[nodiscard]] bool read_slots(IqSpan iq, const LinkState& state, int frame, int first_slot, int slots);
 
   [[nodiscard]] const std::vector<Frame>& frames() const noexcept { return frames_; }

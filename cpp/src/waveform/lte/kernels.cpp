@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dsp/target_clones.hpp"
+#include "core/target_clones.hpp"
 
 namespace soopnav::lte::kernels {
 

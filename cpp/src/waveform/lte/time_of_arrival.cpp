@@ -63,11 +63,28 @@ struct ToaEstimator::Impl {
   PathModel model;
 
   ToaStatus estimate(IqSpan iq, const Detection& cell, TimeOfArrival& out);
-  void profile(int ports, double first_delay, TimeOfArrival& out);
+  double weigh_ports(int ports);
+  void profile(int ports, double weight, double first_delay, TimeOfArrival& out);
 };
 
+// Ports 2 and 3 have fewer reference symbols than 0 and 1. Scaled by the root of their share, the elements of all ports
+// are equally noisy, and the sums over ports weigh them as maximum likelihood does. Returns the ports' weights' sum.
+double ToaEstimator::Impl::weigh_ports(int ports) {
+  double total = std::min(ports, 2);
+  for (std::size_t f = 0; f < tracker.frames().size(); ++f) {
+    const double all = tracker.symbols(f, 0, 0) + tracker.symbols(f, 0, 1);
+    for (int p = 2; p < ports; ++p) {
+      const double share = (tracker.symbols(f, p, 0) + tracker.symbols(f, p, 1)) / all;
+      if (f == 0) total += share;
+      Cf32* x = tracker.channel(f, p);
+      for (int j = 0; j < tracker.elements(); ++j) x[j] *= static_cast<float>(std::sqrt(share));
+    }
+  }
+  return total;
+}
+
 // Magnitude of the impulse response, a cyclic prefix before the first path and two after it.
-void ToaEstimator::Impl::profile(int ports, double first_delay, TimeOfArrival& out) {
+void ToaEstimator::Impl::profile(int ports, double weight, double first_delay, TimeOfArrival& out) {
   std::array<const Cf32*, kMaxPorts> mean{};
   for (int p = 0; p < ports; ++p) mean[static_cast<std::size_t>(p)] = link.mean_channel(p);
   static_cast<void>(link.coarse().estimate(mean.data(), ports, tracker.elements(), fft_size));
@@ -80,7 +97,7 @@ void ToaEstimator::Impl::profile(int ports, double first_delay, TimeOfArrival& o
   const auto norm = static_cast<float>(1.0 / tracker.elements());
   for (int i = begin; i < begin + count; ++i) {
     out.impulse_response.push_back(
-        norm * std::sqrt(power[static_cast<std::size_t>(((i % size) + size) % size)] / static_cast<float>(ports)));
+        norm * std::sqrt(power[static_cast<std::size_t>(((i % size) + size) % size)] / static_cast<float>(weight)));
   }
   out.impulse_response_step_s = step_s;
   out.impulse_response_start_s = begin * step_s - first_delay / rate_hz;
@@ -117,10 +134,13 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
   out.cfo_hz = state.frequency * rate_hz;
   out.clock_error_ppm = -state.drift / (1.0 + state.drift) * 1e6;
   out.snr_db = 10.0 * std::log10(link.snr());
-  out.noise_variance = tracker.noise_variance();
+  out.noise_variance = tracker.noise_variance() * sample_rate_hz / rate_hz;  // a resampled transform is longer
+  const double weight = weigh_ports(ports);
 
   const double unit = fft_size / 128;
   const double frame_samples = 19200.0 * unit * (1.0 + state.drift);
+  // A transform sees the delay at the middle of its window, half a symbol of drift after the symbol's start.
+  const double until_middle = state.drift * (0.5 * fft_size - tracker.back());
   PathModel::Limits limits;
   limits.window_samples = 4.7e-6 * rate_hz;
   std::array<const Cf32*, kMaxPorts> mean{}, shape{}, y{};
@@ -139,7 +159,7 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
         out.paths.push_back(
             {(model.delay(l) - model.delay(model.first())) / rate_hz, 10.0 * std::log10(model.power(l) / strongest)});
       }
-      profile(ports, model.delay(model.first()), out);
+      profile(ports, weight, model.delay(model.first()), out);
     }
     double shape_energy = 0.0;
     for (int p = 0; p < ports; ++p) {
@@ -155,7 +175,8 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
       if (!fit.converged) continue;
       const double noise = tracker.noise_variance() / (0.5 * frames[f].symbols);
       const double own = std::sqrt(noise / (2.0 * std::max(shape_energy * fit.curvature, 1e-30)));
-      const double arrival = state.frame_start + frames[f].index * frame_samples + model.delay(model.first()) + fit.tau;
+      const double arrival =
+          state.frame_start + frames[f].index * frame_samples + model.delay(model.first()) + fit.tau - until_middle;
       out.toa_s.push_back(arrival / rate_hz - frames[f].index * kFrameS);
       out.sigma_s.push_back(std::hypot(own, common) / rate_hz);
       out.frame_index.push_back(frames[f].index);
@@ -214,59 +235,68 @@ std::optional<SubframeToa> SubframeToaEstimator::estimate(IqSpan iq, int subfram
   state.frame_start = (start_s - subframe * 1e-3) * m.rate_hz;
   state.frequency = cfo_hz / m.rate_hz;
 
-  // Each slot holds the whole comb. What turns the second against the first is the offset that is left.
+  // Each slot holds the whole comb of ports 0 and 1. What turns the second against the first is the offset that is
+  // left.
   const auto elements = static_cast<std::size_t>(m.tracker.elements());
   if (!m.tracker.read_slots(iq, state, 0, 2 * subframe, 1)) return std::nullopt;
   for (int p = 0; p < m.ports; ++p) {
     std::copy_n(m.tracker.channel(0, p), elements, m.first.begin() + static_cast<std::ptrdiff_t>(elements) * p);
   }
-  const bool both = m.tracker.read_slots(iq, state, 0, 2 * subframe + 1, 1);
+  if (!m.tracker.read_slots(iq, state, 0, 2 * subframe + 1, 1)) return std::nullopt;
+  const int pairs = std::min(m.ports, 2);  // ports whose whole comb is in each slot
   Cf32 turn{};
-  if (both) {
-    for (int p = 0; p < m.ports; ++p) {
-      turn +=
-          kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
-    }
+  for (int p = 0; p < pairs; ++p) {
+    turn +=
+        kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
   }
   const double phase = static_cast<double>(std::arg(turn));
   const auto cis = [](double x) { return Cf32(static_cast<float>(std::cos(x)), static_cast<float>(std::sin(x))); };
-  // The second reference symbol of a slot lies four of seven (three of six) symbols later.
-  const double share = m.tracker.cell().cp == CyclicPrefix::kNormal ? 549.0 / 960.0 : 0.5;
+  // The second reference symbol of a slot lies four of seven (three of six) symbols later, that of ports 2 and 3 one.
+  const bool normal = m.tracker.cell().cp == CyclicPrefix::kNormal;
+  const double share = normal ? 549.0 / 960.0 : 0.5, share_of_second = normal ? 137.0 / 960.0 : 1.0 / 6.0;
   std::array<const Cf32*, kMaxPorts> y{};
   double energy = 0.0, noise = 0.0;
   for (int p = 0; p < m.ports; ++p) {
     Cf32* a = m.first.data() + elements * static_cast<std::size_t>(p);
     const Cf32* b = m.tracker.channel(0, p);
-    const int early = m.tracker.parity(p, 2 * subframe, 0);  // elements of the slot's first symbol
+    const int early = m.tracker.parity(p, 2 * subframe, p < 2 ? 0 : 2);  // elements of the first slot's earlier symbol
     for (int half = 0; half < 2; ++half) {
-      const Cf32 back = cis(half == early ? 0.0 : -phase * share);
-      const Cf32 back_second = kernels::multiply(back, cis(-phase));
-      double difference = 0.0;
-      for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
-        const Cf32 x = kernels::multiply(a[j], back);
-        const Cf32 z = both ? kernels::multiply(b[j], back_second) : x;
-        difference += static_cast<double>(std::norm(x - z));
-        a[j] = 0.5F * (x + z);
+      if (p < 2) {
+        const Cf32 back = cis(half == early ? 0.0 : -phase * share);
+        const Cf32 back_second = kernels::multiply(back, cis(-phase));
+        for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
+          const Cf32 x = kernels::multiply(a[j], back);
+          const Cf32 z = kernels::multiply(b[j], back_second);
+          noise += static_cast<double>(std::norm(x - z));
+          a[j] = 0.5F * (x + z);
+        }
+      } else {
+        // Each element once, in one of the slots: scaled to the noise of a mean of two.
+        const Cf32* from = half == early ? a : b;
+        const Cf32 back = cis(-phase * (share_of_second + (half == early ? 0.0 : 1.0))) * std::sqrt(0.5F);
+        for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
+          a[j] = kernels::multiply(from[j], back);
+        }
       }
-      noise += difference;
     }
     y[static_cast<std::size_t>(p)] = a;
     energy += kernels::energy(a, elements);
   }
   if (!std::isfinite(energy) || !(energy > 0.0)) return std::nullopt;
-  noise /= 2.0 * static_cast<double>(elements) * m.ports;
+  noise /= 2.0 * static_cast<double>(elements) * pairs;
   const double start = m.coarse.estimate(y.data(), m.ports, m.tracker.elements(), m.fft_size);
   const DelayFit fit = refine_delay(y.data(), nullptr, m.ports, m.tracker.element_frequencies().data(),
                                     m.tracker.elements(), m.fft_size, start);
   if (!fit.converged) return std::nullopt;
   // sigma^2 = noise / (2 sum_p |a_p|^2 B), B the effective squared bandwidth sum; fit.power = sum_p |count a_p|^2.
   const double signal = fit.power / m.tracker.elements();
+  const double weight = m.ports > 2 ? 3.0 : m.ports;
   SubframeToa out;
   out.toa_s = start_s + fit.tau / m.rate_hz;
   out.sigma_s = std::sqrt(0.5 * noise / (2.0 * signal * fit.curvature)) / m.rate_hz;
   out.noise_variance = noise;
-  out.residual_cfo_hz = both ? phase / (2.0 * std::numbers::pi * 0.5e-3) : 0.0;
-  out.snr_db = 10.0 * std::log10(std::max(1e-9, (signal / m.tracker.elements() / m.ports) / std::max(noise, 1e-30)));
+  out.residual_cfo_hz = phase / (2.0 * std::numbers::pi * 0.5e-3);
+  out.snr_db = 10.0 * std::log10(std::max(1e-9, (signal / m.tracker.elements() / weight) / std::max(noise, 1e-30)));
   return out;
 }
 

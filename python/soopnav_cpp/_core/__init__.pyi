@@ -1,0 +1,13 @@
+"""
+The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which document it.
+"""
+
+from __future__ import annotations
+from . import dsp
+from . import estimation
+from . import geometry
+from . import lte
+from . import simulation
+from . import navigation
+
+__all__: list[str] = ["dsp", "estimation", "geometry", "lte", "navigation", "simulation"]

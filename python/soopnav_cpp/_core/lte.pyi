@@ -1,0 +1,446 @@
+"""
+LTE downlink: sequences, synthesis, cell search, time of arrival.
+"""
+
+from __future__ import annotations
+import collections.abc
+import enum
+import numpy
+import numpy.typing
+import typing
+
+__all__: list[str] = [
+    "CellLostError",
+    "CellParameters",
+    "CyclicPrefix",
+    "Detection",
+    "Duplex",
+    "Path",
+    "Searcher",
+    "SyncPorts",
+    "Synthesizer",
+    "TimeOfArrival",
+    "crs",
+    "noise_variance_for_snr",
+    "pss",
+    "resource_grid",
+    "search",
+    "sss",
+    "synthesize",
+    "time_of_arrival",
+]
+
+class CellLostError(ValueError):
+    """
+    The reference signals of the cell asked for are not in the samples.
+    """
+
+class CyclicPrefix(enum.Enum):
+    """
+    Cyclic prefix of the downlink (TS 36.211 6.12).
+    """
+
+    EXTENDED = ...
+    NORMAL = ...
+
+class Duplex(enum.Enum):
+    """
+    Frame structure: type 1 (FDD) or type 2 (TDD), TS 36.211 4.
+    """
+
+    FDD = ...
+    TDD = ...
+
+class Detection:
+    """
+    A cell found in a capture. Times run from the capture's first sample; cfo_hz is where the carrier lies in the
+    baseband spectrum; clock_error_ppm is how much faster the cell's clock runs than the receiver's. Read-only.
+    """
+    def __init__(
+        self,
+        *,
+        cell_id: typing.SupportsInt | typing.SupportsIndex,
+        frame_start_s: typing.SupportsFloat | typing.SupportsIndex,
+        cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        n_rb: typing.SupportsInt | typing.SupportsIndex | None = None,
+        n_ports: typing.SupportsInt | typing.SupportsIndex | None = None,
+        sfn: typing.SupportsInt | typing.SupportsIndex | None = None,
+        cp: CyclicPrefix = ...,
+        duplex: Duplex = ...,
+        clock_error_ppm: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        snr_db: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None:
+        """
+        A cell that is known already. Raises ValueError for a value outside its range.
+        """
+    def __repr__(self) -> str: ...
+    @property
+    def cell_id(self) -> int:
+        """
+        Physical-layer cell identity, 0 ... 503.
+        """
+    @property
+    def cfo_hz(self) -> float:
+        """
+        Carrier-frequency offset.
+        """
+    @property
+    def cfo_sigma_hz(self) -> float:
+        """
+        Standard deviation of cfo_hz.
+        """
+    @property
+    def clock_error_ppm(self) -> float:
+        """
+        Sampling-clock error, parts per million.
+        """
+    @property
+    def clock_error_sigma_ppm(self) -> float:
+        """
+        Standard deviation of clock_error_ppm.
+        """
+    @property
+    def cp(self) -> CyclicPrefix:
+        """
+        Cyclic prefix.
+        """
+    @property
+    def crs_statistic(self) -> float:
+        """
+        Evidence of the confirming reference-signal test, in units of its mean in noise.
+        """
+    @property
+    def duplex(self) -> Duplex:
+        """
+        Frame structure.
+        """
+    @property
+    def frame_start_s(self) -> float:
+        """
+        Start (cyclic prefix included) of the first radio frame, 0 ... 10 ms.
+        """
+    @property
+    def n_ports(self) -> int | None:
+        """
+        Antenna ports 1, 2 or 4; None when no MIB was decoded.
+        """
+    @property
+    def n_rb(self) -> int | None:
+        """
+        Bandwidth in resource blocks; None when no MIB was decoded.
+        """
+    @property
+    def sfn(self) -> int | None:
+        """
+        System frame number at frame_start_s; None when no MIB was decoded.
+        """
+    @property
+    def snr_db(self) -> float:
+        """
+        Per reference element of port 0 over the central six resource blocks.
+        """
+
+class Path:
+    """
+    One resolved propagation path. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def delay_s(self) -> float:
+        """
+        Delay after the first path.
+        """
+    @property
+    def power_db(self) -> float:
+        """
+        Power relative to the strongest path.
+        """
+
+class TimeOfArrival:
+    """
+    Times of arrival of one cell, a value per radio frame. Read-only.
+    """
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    @property
+    def cfo_hz(self) -> float:
+        """
+        Carrier-frequency offset, refined over the capture.
+        """
+    @property
+    def clock_error_ppm(self) -> float:
+        """
+        Sampling-clock error of the frames' delays.
+        """
+    @property
+    def frame_index(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        Frames after the one that starts at Detection.frame_start_s; shape (frames,), int32.
+        """
+    @property
+    def impulse_response(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        Magnitude over delay, all ports; shape (n,), float32.
+        """
+    @property
+    def impulse_response_start_s(self) -> float:
+        """
+        Delay of impulse_response[0] after the first path.
+        """
+    @property
+    def impulse_response_step_s(self) -> float:
+        """
+        Spacing of impulse_response.
+        """
+    @property
+    def noise_variance(self) -> float:
+        """
+        Of one resource element.
+        """
+    @property
+    def paths(self) -> list[Path]:
+        """
+        Resolved paths, the first one first.
+        """
+    @property
+    def sigma_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Standard deviation of each, what the frames share included; shape (frames,).
+        """
+    @property
+    def snr_db(self) -> float:
+        """
+        Per reference element of port 0.
+        """
+    @property
+    def toa_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        First path: start of frame i minus i * 10 ms, from the capture's first sample; shape (frames,).
+        """
+
+class Searcher:
+    """
+    Cell search with its plans and buffers kept; also for streams.
+    """
+    def __init__(
+        self,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        max_cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 150000.0,
+        window_s: typing.SupportsFloat | typing.SupportsIndex = 0.08,
+        decode_mib: bool = True,
+        max_cells: typing.SupportsInt | typing.SupportsIndex = 16,
+    ) -> None: ...
+    def __repr__(self) -> str: ...
+    def push(self, block: numpy.typing.NDArray[numpy.complex64]) -> list[Detection]:
+        """
+        Adds a block of a stream; cells of the windows it completed, times from the window's first sample.
+        Samples that are not finite count as zero.
+        """
+    def search(self, iq: numpy.typing.NDArray[numpy.complex64]) -> list[Detection]:
+        """
+        Searches a whole capture; cells strongest first.
+        """
+    @property
+    def max_cfo_hz(self) -> float: ...
+    @property
+    def sample_rate_hz(self) -> float: ...
+    @property
+    def window_s(self) -> float: ...
+
+class SyncPorts(enum.Enum):
+    """
+    Antenna ports that send PSS and SSS.
+    """
+
+    ALL = ...
+    FIRST = ...
+
+class CellParameters:
+    """
+    One eNodeB as it reaches the receiver. Read-only.
+    """
+    def __init__(
+        self,
+        *,
+        cell_id: typing.SupportsInt | typing.SupportsIndex,
+        n_rb: typing.SupportsInt | typing.SupportsIndex = 6,
+        n_ports: typing.SupportsInt | typing.SupportsIndex = 1,
+        cp: CyclicPrefix = ...,
+        duplex: Duplex = ...,
+        tdd_configuration: typing.SupportsInt | typing.SupportsIndex = 1,
+        special_subframe_configuration: typing.SupportsInt | typing.SupportsIndex = 7,
+        start_sfn: typing.SupportsInt | typing.SupportsIndex = 0,
+        delay_s: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        power_db: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        clock_error_ppm: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        carrier_phase_rad: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        port_gain: collections.abc.Sequence[
+            complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex
+        ]
+        | None = None,
+        taps: collections.abc.Sequence[
+            tuple[
+                typing.SupportsFloat | typing.SupportsIndex,
+                complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+            ]
+        ] = [(0.0, (1 + 0j))],
+        sync_ports: SyncPorts = ...,
+        crs_boost_db: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        sync_boost_db: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        data_load: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    ) -> None: ...
+    def __repr__(self) -> str: ...
+    @property
+    def cell_id(self) -> int:
+        """
+        0 ... 503.
+        """
+    @property
+    def cfo_hz(self) -> float:
+        """
+        Where the carrier lies in the baseband spectrum.
+        """
+    @property
+    def clock_error_ppm(self) -> float:
+        """
+        The cell's clock over the receiver's.
+        """
+    @property
+    def cp(self) -> CyclicPrefix:
+        """
+        Cyclic prefix.
+        """
+    @property
+    def delay_s(self) -> float:
+        """
+        Capture time at which that frame starts.
+        """
+    @property
+    def duplex(self) -> Duplex:
+        """
+        Frame structure.
+        """
+    @property
+    def n_ports(self) -> int:
+        """
+        Antenna ports: 1, 2 or 4.
+        """
+    @property
+    def n_rb(self) -> int:
+        """
+        Bandwidth: 6, 15, 25, 50, 75 or 100 resource blocks.
+        """
+    @property
+    def power_db(self) -> float:
+        """
+        Power of all elements.
+        """
+    @property
+    def start_sfn(self) -> int:
+        """
+        Frame number of the frame that starts at delay_s.
+        """
+
+class Synthesizer:
+    """
+    Samples of several cells and noise, block by block.
+    """
+    def __init__(
+        self,
+        cells: collections.abc.Sequence[CellParameters],
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        noise_variance: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        seed: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def generate(self, n_samples: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.complex64]:
+        """
+        The next samples, complex64.
+        """
+    def seek(self, sample: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Sets position; negative ones lie before time 0.
+        """
+    @property
+    def position(self) -> int:
+        """
+        Sample that generate begins with.
+        """
+
+def crs(
+    cell_id: typing.SupportsInt | typing.SupportsIndex,
+    slot: typing.SupportsInt | typing.SupportsIndex,
+    symbol: typing.SupportsInt | typing.SupportsIndex,
+    *,
+    port: typing.SupportsInt | typing.SupportsIndex = 0,
+    n_rb: typing.SupportsInt | typing.SupportsIndex,
+    cp: CyclicPrefix = ...,
+) -> tuple[numpy.typing.NDArray[numpy.complex64], numpy.typing.NDArray[numpy.int64]]:
+    """
+    Cell-specific reference signals of one symbol: values, subcarriers.
+    """
+
+def noise_variance_for_snr(
+    snr_db: typing.SupportsFloat | typing.SupportsIndex, *, power_db: typing.SupportsFloat | typing.SupportsIndex = 0.0
+) -> float:
+    """
+    Noise variance per sample that gives a reference element of unit gain snr_db.
+    """
+
+def pss(n_id_2: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    Primary synchronisation signal, lowest subcarrier first.
+    """
+
+def resource_grid(
+    cell: CellParameters,
+    sfn: typing.SupportsInt | typing.SupportsIndex,
+    subframe: typing.SupportsInt | typing.SupportsIndex,
+    *,
+    seed: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    Resource elements of a subframe: ports, symbols, subcarriers.
+    """
+
+def search(
+    iq: numpy.typing.NDArray[numpy.complex64],
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    *,
+    max_cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 150000.0,
+    decode_mib: bool = True,
+    max_cells: typing.SupportsInt | typing.SupportsIndex = 16,
+) -> list[Detection]:
+    """
+    Cells in a capture, strongest first.
+    """
+
+def sss(
+    cell_id: typing.SupportsInt | typing.SupportsIndex, subframe: typing.SupportsInt | typing.SupportsIndex
+) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Secondary synchronisation signal, lowest subcarrier first.
+    """
+
+def synthesize(
+    cells: collections.abc.Sequence[CellParameters],
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    n_samples: typing.SupportsInt | typing.SupportsIndex,
+    *,
+    noise_variance: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    seed: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    Samples of several cells and noise.
+    """
+
+def time_of_arrival(
+    iq: numpy.typing.NDArray[numpy.complex64],
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    detection: Detection,
+) -> TimeOfArrival:
+    """
+    Times of arrival of one cell from its reference signals.
+    """

@@ -1,0 +1,159 @@
+"""
+Positions from observations.
+"""
+
+from __future__ import annotations
+import enum
+import numpy
+import numpy.typing
+import soopnav_cpp._core.estimation
+import typing
+
+__all__: list[str] = ["FixStatus", "NodeUse", "PositionFix", "position_fix"]
+
+class FixStatus(enum.Enum):
+    """
+    How a fix ended.
+    """
+
+    AMBIGUOUS = ...
+    CONVERGED = ...
+    INCONSISTENT = ...
+    NOT_CONVERGED = ...
+    RANK_DEFICIENT = ...
+    TOO_FEW_NODES = ...
+
+class NodeUse(enum.Enum):
+    """
+    What a fix did with a node.
+    """
+
+    BAD_SIGMA = ...
+    NOT_FINITE = ...
+    REJECTED = ...
+    USED = ...
+
+class PositionFix:
+    """
+    A position, what it is worth, and what became of each node. Read-only; NaN where there is no value.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def alternative_clock_biases_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Their clock biases; shape (k,).
+        """
+    @property
+    def alternatives_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Other positions that fit as well; shape (k, 3).
+        """
+    @property
+    def chi_square(self) -> float:
+        """
+        Sum of squared residuals in standard deviations.
+        """
+    @property
+    def chi_square_limit(self) -> float:
+        """
+        What chi_square exceeds with the false-alarm probability.
+        """
+    @property
+    def clock_bias_s(self) -> float:
+        """
+        Receiver clock minus common time, modulo the period, within half of it.
+        """
+    @property
+    def clock_sigma_s(self) -> float:
+        """
+        Standard deviation of clock_bias_s.
+        """
+    @property
+    def covariance_m2(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of position_m; zero for a stated height; shape (3, 3).
+        """
+    @property
+    def degrees_of_freedom(self) -> int:
+        """
+        Of chi_square.
+        """
+    @property
+    def dimensions(self) -> int:
+        """
+        3, or 2 at a stated height.
+        """
+    @property
+    def dop(self) -> soopnav_cpp._core.estimation.Dop:
+        """
+        Dilution of precision of the nodes used.
+        """
+    @property
+    def fell_back(self) -> bool:
+        """
+        The stated height was used because three dimensions were not determined.
+        """
+    @property
+    def gates_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        What each residual may reach; NaN where no other node controls it.
+        """
+    @property
+    def message(self) -> str:
+        """
+        One sentence: what the fix is, or why there is none.
+        """
+    @property
+    def nodes_in_line(self) -> bool:
+        """
+        Nodes lie in one line (2-D) or plane (3-D): the fix has a mirror image.
+        """
+    @property
+    def position_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        East, north, up in the nodes' frame; shape (3,).
+        """
+    @property
+    def residuals_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Measured minus predicted, of the fit for a node used, of the others' prediction for one rejected.
+        """
+    @property
+    def status(self) -> FixStatus:
+        """
+        How the fix ended.
+        """
+    @property
+    def unobservable(self) -> list[str]:
+        """
+        Directions that the nodes do not determine, in words; empty when all are.
+        """
+    @property
+    def use(self) -> list[NodeUse]:
+        """
+        What was done with each node.
+        """
+    @property
+    def used(self) -> numpy.typing.NDArray[numpy.bool]:
+        """
+        Whether each node took part; shape (nodes,).
+        """
+
+def position_fix(
+    nodes_enu_m: numpy.typing.ArrayLike,
+    toas_s: numpy.typing.ArrayLike,
+    sigmas_s: numpy.typing.ArrayLike,
+    *,
+    clock_offsets_s: numpy.typing.ArrayLike | None = None,
+    node_sigmas_s: numpy.typing.ArrayLike | None = None,
+    dimensions: typing.SupportsInt | typing.SupportsIndex | None = None,
+    height_m: typing.SupportsFloat | typing.SupportsIndex | None = None,
+    near_m: numpy.typing.ArrayLike | None = None,
+    period_s: typing.SupportsFloat | typing.SupportsIndex = 0.01,
+    reject_outliers: bool = True,
+    false_alarm_probability: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+    max_iterations: typing.SupportsInt | typing.SupportsIndex = 50,
+) -> PositionFix:
+    """
+    Position and receiver clock from times of arrival.
+    """
