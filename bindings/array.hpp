@@ -78,20 +78,20 @@ class TableBase {
 
 /// What a bound function takes: `const IqArray<"iq">&`. Anything that does not fit raises ValueError with a sentence
 /// that starts with the name.
-template <Name kName>
+template <Name ArgumentName>
 struct IqArray : IqArrayBase {
   IqArray() = default;
-  explicit IqArray(py::handle object) : IqArrayBase(object, kName.text) {}
+  explicit IqArray(py::handle object) : IqArrayBase(object, ArgumentName.text) {}
 };
-template <Name kName>
+template <Name ArgumentName>
 struct RealArray : RealArrayBase {
   RealArray() = default;
-  explicit RealArray(py::handle object) : RealArrayBase(object, kName.text) {}
+  explicit RealArray(py::handle object) : RealArrayBase(object, ArgumentName.text) {}
 };
-template <Name kName>
+template <Name ArgumentName>
 struct Table : TableBase {
   Table() = default;
-  explicit Table(py::handle object) : TableBase(object, kName.text) {}
+  explicit Table(py::handle object) : TableBase(object, ArgumentName.text) {}
 };
 
 /// Hands a vector to NumPy without a copy: the array owns it. `shape` must multiply to its size; empty means (size,).
@@ -127,29 +127,29 @@ std::optional<std::size_t> first_non_finite(IqSpan iq) noexcept;
 
 namespace pybind11::detail {
 
-template <soopnav::python::Name kName>
-struct type_caster<soopnav::python::IqArray<kName>> {
-  PYBIND11_TYPE_CASTER(soopnav::python::IqArray<kName>, const_name("numpy.typing.NDArray[numpy.complex64]"));
+template <soopnav::python::Name ArgumentName>
+struct type_caster<soopnav::python::IqArray<ArgumentName>> {
+  PYBIND11_TYPE_CASTER(soopnav::python::IqArray<ArgumentName>, const_name("numpy.typing.NDArray[numpy.complex64]"));
   bool load(handle source, bool) {
-    value = soopnav::python::IqArray<kName>(source);
+    value = soopnav::python::IqArray<ArgumentName>(source);
     return true;
   }
 };
 
-template <soopnav::python::Name kName>
-struct type_caster<soopnav::python::RealArray<kName>> {
-  PYBIND11_TYPE_CASTER(soopnav::python::RealArray<kName>, const_name("numpy.typing.ArrayLike"));
+template <soopnav::python::Name ArgumentName>
+struct type_caster<soopnav::python::RealArray<ArgumentName>> {
+  PYBIND11_TYPE_CASTER(soopnav::python::RealArray<ArgumentName>, const_name("numpy.typing.ArrayLike"));
   bool load(handle source, bool) {
-    value = soopnav::python::RealArray<kName>(source);
+    value = soopnav::python::RealArray<ArgumentName>(source);
     return true;
   }
 };
 
-template <soopnav::python::Name kName>
-struct type_caster<soopnav::python::Table<kName>> {
-  PYBIND11_TYPE_CASTER(soopnav::python::Table<kName>, const_name("numpy.typing.ArrayLike"));
+template <soopnav::python::Name ArgumentName>
+struct type_caster<soopnav::python::Table<ArgumentName>> {
+  PYBIND11_TYPE_CASTER(soopnav::python::Table<ArgumentName>, const_name("numpy.typing.ArrayLike"));
   bool load(handle source, bool) {
-    value = soopnav::python::Table<kName>(source);
+    value = soopnav::python::Table<ArgumentName>(source);
     return true;
   }
 };

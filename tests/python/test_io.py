@@ -288,7 +288,7 @@ global_keys = st.sampled_from(
 )
 segment_keys = st.sampled_from(["core:sample_start", "core:header_bytes", "core:frequency", "core:datetime"])
 fuzz_settings = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 
 

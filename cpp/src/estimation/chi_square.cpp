@@ -129,8 +129,9 @@ double quantile(double lower, double upper, double dof) {
     } else {
       next = x + tails.upper / density * std::log(tails.upper / upper);
     }
+    // Convergence is quadratic: a step this short lands within rounding.
+    if (std::abs(next - x) <= 1e-9 * x) return 2.0 * next;
     if (!(next > low) || !(next < high)) next = std::isinf(high) ? 2.0 * x + 1.0 : 0.5 * (low + high);
-    if (std::abs(next - x) <= 4.0 * kEpsilon * x) return 2.0 * next;
     x = next;
   }
   return 2.0 * x;

@@ -163,10 +163,13 @@ struct Solver {
   std::optional<double> height;  // about the origin; planar when given
 
   [[nodiscard]] int unknowns() const { return height ? 3 : 4; }
-  [[nodiscard]] Fit fit(const Indices& nodes) const { return height ? fit_as<Planar>(nodes) : fit_as<Spatial>(nodes); }
+  // `thorough`: a solution that does not explain the data is not taken before all around the nodes was searched.
+  [[nodiscard]] Fit fit(const Indices& nodes, bool thorough) const {
+    return height ? fit_as<Planar>(nodes, thorough) : fit_as<Spatial>(nodes, thorough);
+  }
 
   template <class State>
-  [[nodiscard]] Fit fit_as(const Indices& nodes) const {
+  [[nodiscard]] Fit fit_as(const Indices& nodes, bool thorough) const {
     const auto n = static_cast<Eigen::Index>(nodes.size());
     std::array<Observed<Model>, kMaxNodes> observed;
     Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxRows> positions(3, n);
@@ -199,8 +202,9 @@ struct Solver {
     const bool solved = result.best.status == SolveStatus::kConverged ||
                         result.best.status == SolveStatus::kAmbiguous ||
                         result.best.status == SolveStatus::kRankDeficient;
-    if (!solved ||
-        (dof > 0 && result.best.chi_square > chi_square_upper_quantile(options.false_alarm_probability, dof))) {
+    const bool explains = dof <= 0 || !thorough ||
+                          result.best.chi_square <= chi_square_upper_quantile(options.false_alarm_probability, dof);
+    if (!solved || !explains) {
       // Far from the data's model: look all around the nodes for a deeper valley.
       const Eigen::Vector3d centre = positions.rowwise().mean();
       const double spread = std::sqrt((positions.colwise() - centre).colwise().squaredNorm().mean());
@@ -302,7 +306,7 @@ Removal best_removal(const Solver& solver, const Indices& nodes, std::size_t cou
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     for (std::size_t j = count == 1 ? i : i + 1; j < (count == 1 ? i + 1 : nodes.size()); ++j) {
       const std::array<std::size_t, 2> at{i, j};
-      const Fit trial = solver.fit(without(nodes, at, count));
+      const Fit trial = solver.fit(without(nodes, at, count), false);
       const double chi = is_solution(trial) ? trial.chi_square : std::numeric_limits<double>::infinity();
       if (chi_without != nullptr) (*chi_without)[i] = chi;
       if (chi < best.fit.chi_square) {
@@ -335,7 +339,7 @@ Outcome attempt(const Solver& solver) {
   Outcome out;
   out.used = data.usable;
   if (static_cast<int>(out.used.size()) < unknowns) return out;
-  out.fit = solver.fit(out.used);
+  out.fit = solver.fit(out.used, true);
   const auto limit = [&](int dof) { return chi_square_upper_quantile(false_alarm, std::max(dof, 1)); };
   // A second choice as good as the first: with equal priors the odds are exp(difference / 2), and 19 to 1 are wanted.
   const double separation = 2.0 * std::log(19.0);
@@ -382,7 +386,7 @@ Outcome attempt(const Solver& solver) {
     static_cast<void>(more.push_back(out.rejected[r]));
     std::sort(more.begin(), more.end());
     if (std::abs(residual) <= gate) {
-      const Fit trial = solver.fit(more);
+      const Fit trial = solver.fit(more, false);
       if (is_solution(trial) && trial.chi_square <= limit(static_cast<int>(more.size()) - unknowns)) {
         out.fit = trial;
         out.used = more;

@@ -27,6 +27,21 @@ class Cell:
     arrival: lte.TimeOfArrival | None
 
     @property
+    def _refined(self) -> lte.Detection | lte.TimeOfArrival:
+        """What knows the carrier and the clock better: many frames' arrivals, or else the search."""
+        return self.arrival if self.arrival is not None and len(self.arrival) > 3 else self.detection
+
+    @property
+    def cfo_hz(self) -> float:
+        """Carrier-frequency offset."""
+        return self._refined.cfo_hz
+
+    @property
+    def clock_error_ppm(self) -> float:
+        """How much faster the cell's clock runs than the receiver's."""
+        return self._refined.clock_error_ppm
+
+    @property
     def toa(self) -> tuple[float, float] | None:
         """First path's arrival at the capture's start and its standard deviation, seconds."""
         return None if self.arrival is None else lte.arrival_at(self.arrival)
@@ -84,8 +99,8 @@ def as_json(result: Scan) -> dict[str, Any]:
                 "duplex": detection.duplex.name,
                 "sfn": detection.sfn,
                 "frame_start_s": detection.frame_start_s,
-                "cfo_hz": detection.cfo_hz,
-                "clock_error_ppm": detection.clock_error_ppm,
+                "cfo_hz": cell.cfo_hz,
+                "clock_error_ppm": cell.clock_error_ppm,
                 "snr_db": detection.snr_db,
                 "toa_s": toa[0] if toa else None,
                 "toa_sigma_s": toa[1] if toa else None,
@@ -132,8 +147,8 @@ def print_table(result: Scan, console: Console) -> None:
                 detection.duplex.name,
                 detection.cp.name.lower(),
                 *("?" if v is None else str(v) for v in (detection.n_rb, detection.n_ports, detection.sfn)),
-                text.frequency_offset(detection.cfo_hz),
-                f"{text.signed(detection.clock_error_ppm, 2)} ppm",
+                text.frequency_offset(cell.cfo_hz),
+                f"{text.signed(cell.clock_error_ppm, 2)} ppm",
                 f"{text.plain(detection.snr_db, 1)} dB",
                 f"{text.milliseconds(toa[0])} ± {text.metres(toa[1] * text.SPEED_OF_LIGHT_MPS)}"
                 if toa

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numeric>
 #include <set>
+#include <string>
 #include <vector>
 
 #include "soopnav/dsp/resample.hpp"
@@ -133,6 +134,8 @@ TEST_F(ThreeCells, AllAreFoundAndTheirDelayDifferencesHold) {
   const auto tdoa_error_m = [&](std::size_t i) {
     return kSpeedOfLightMps * wrapped_s((toa_s[i] - toa_s[0]) - (cells_[i].delay_s - cells_[0].delay_s));
   };
+  RecordProperty("tdoa_error_m_8_db", std::to_string(tdoa_error_m(1)));
+  RecordProperty("tdoa_error_m_14_db", std::to_string(tdoa_error_m(2)));
   EXPECT_LT(std::abs(tdoa_error_m(1)), 0.25);
   EXPECT_LT(std::abs(tdoa_error_m(2)), 0.5);
 }

@@ -450,6 +450,17 @@ TEST(SearchStream, NonFiniteSamplesCountAsZero) {
   expect_same(found, whole.detections());
 }
 
+TEST(SearchStream, ABlockOfSeveralWindowsGivesTheLast) {
+  RandomStream random(33);
+  const SearchOptions options{.max_cfo_hz = 5e3, .window_s = 20e-3};
+  const auto iq = capture(random_cell(random), kBaseRateHz, 50e-3, 15.0, 34);
+  Searcher stream(options), whole(options);
+  const auto found = stream.push(iq);
+  ASSERT_EQ(whole.search(std::span(iq).subspan(38400, 38400)), SearchStatus::kOk);
+  EXPECT_EQ(whole.detections().size(), 1U);
+  expect_same(found, whole.detections());
+}
+
 TEST(SearchStream, AnEmptyBlockIsNothing) {
   Searcher searcher({});
   EXPECT_TRUE(searcher.push({}).empty());

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <string>
 #include <vector>
 
 #include "soopnav/estimation/chi_square.hpp"
@@ -81,6 +82,9 @@ TEST_P(SubframeToaBound, IsMetAtOneHundredResourceBlocks) {
   cell.n_ports = 2;
   const Errors errors = subframe_errors(cell, 30.72e6, snr_db, 1000, 1e-6, static_cast<std::uint64_t>(snr_db + 100.0));
   ASSERT_EQ(errors.runs, 1000);
+  RecordProperty("rmse_over_crlb", std::to_string(std::sqrt(errors.over_crlb)));
+  RecordProperty("sigma_over_crlb", std::to_string(errors.sigma_ratio));
+  RecordProperty("nees", std::to_string(errors.nees));
   EXPECT_LE(std::sqrt(errors.over_crlb), 1.12);
   EXPECT_GE(errors.over_crlb, lower(1000));  // and not below it, as a wrong bound would have it
   EXPECT_NEAR(errors.sigma_ratio, 1.0, 0.05);
@@ -129,9 +133,11 @@ TEST(SubframeToaConsistency, UnambiguousOverSixKilometres) {
 
 // Whole captures.
 
-TEST(ToaConsistency, FramesErrWithinTheirDeviations) {
+class ToaFrames : public ::testing::TestWithParam<int> {};
+
+TEST_P(ToaFrames, ErrWithinTheirDeviations) {
   constexpr double kRateHz = 7.68e6;
-  RandomStream random(41);
+  RandomStream random(41, static_cast<std::uint64_t>(GetParam()));
   ToaEstimator estimator(kRateHz);
   TimeOfArrival toa;
   std::vector<Cf32> iq;
@@ -140,10 +146,9 @@ TEST(ToaConsistency, FramesErrWithinTheirDeviations) {
   std::array<int, 10> subframes{};
   std::iota(subframes.begin(), subframes.end(), 0);
   for (int scene = 0; scene < 6; ++scene) {
-    CellParameters cell = random_cell(random, 25);
+    CellParameters cell = random_cell(random, 25, GetParam());
     cell.delay_s = random.uniform(0.1e-3, 4e-3);
     cell.cfo_hz = random.uniform(-2e3, 2e3);
-    cell.clock_error_ppm = 0.0;
     const auto clean = synthesize({&cell, 1}, kRateHz, static_cast<std::size_t>(34.5e-3 * kRateHz));
     const double bound_s = delay_crlb_s(cell, 10.0, subframes, false);
     for (int run = 0; run < 20; ++run) {
@@ -167,6 +172,47 @@ TEST(ToaConsistency, FramesErrWithinTheirDeviations) {
   EXPECT_LE(over_crlb / frames, 1.02 * upper(frames));
   EXPECT_NEAR(mean_sigma_s / frames, 1.0, 0.03);
   EXPECT_LT(std::abs(mean) / std::sqrt(frames), 4.1);  // no bias: standard normal, 4e-5
+}
+
+INSTANTIATE_TEST_SUITE_P(Ports, ToaFrames, ::testing::Values(1, 2, 4));
+
+TEST(ToaConsistency, FramesErrIndependently) {
+  // What is done to the link's state must not reach the frames' times: their errors' mean is as small as independent
+  // ones make it, whether the clock is known well or hardly, in a band where that decides how frames are followed.
+  constexpr double kRateHz = 30.72e6;
+  constexpr int kRuns = 24;
+  RandomStream random(44);
+  ToaEstimator estimator(kRateHz);
+  TimeOfArrival toa;
+  std::vector<Cf32> iq;
+  for (const double known_ppm : {0.01, 0.3, 0.0}) {
+    double of_mean = 0.0, of_frames = 0.0;
+    int frames = 0;
+    std::vector<Cf32> clean;
+    CellParameters cell;
+    for (int run = 0; run < kRuns; ++run) {
+      if (run % 8 == 0) {
+        cell = random_cell(random, 100);
+        cell.delay_s = random.uniform(0.1e-3, 1e-3);
+        clean = synthesize({&cell, 1}, kRateHz, static_cast<std::size_t>(61.5e-3 * kRateHz));
+      }
+      with_noise(clean, noise_variance_for_snr(-8.0), random, iq);
+      Detection d = truth(cell);
+      d.clock_error_sigma_ppm = known_ppm;
+      ASSERT_EQ(estimator.estimate(iq, d, toa), ToaStatus::kOk);
+      double sum = 0.0;
+      for (std::size_t i = 0; i < toa.toa_s.size(); ++i) {
+        const double e = wrapped_s(toa.toa_s[i] - cell.delay_s) / toa.sigma_s[i];
+        sum += e;
+        of_frames += e * e;
+        ++frames;
+      }
+      of_mean += sum * sum / static_cast<double>(toa.toa_s.size()) / kRuns;
+    }
+    EXPECT_LE(of_mean, upper(kRuns)) << known_ppm;
+    EXPECT_GE(of_mean, lower(kRuns)) << known_ppm;
+    EXPECT_LE(of_frames / frames, upper(frames)) << known_ppm;
+  }
 }
 
 TEST(ToaConsistency, FirstPathsDeviationCoversWhatTheFramesShare) {

@@ -411,7 +411,7 @@ template <class State, int MaxRows>
   return J.template topRows<kDim>().template triangularView<Eigen::Upper>();
 }
 
-// Singular values of a whitened, column-scaled Jacobian: rank, covariance, null directions. Eq. 8 to 10 of
+// Singular values of a whitened, column-scaled Jacobian: rank, covariance, null directions. Eq. 7 and 8 of
 // doc/position_fix.md.
 template <int N>
 struct Conditioning {
@@ -476,7 +476,7 @@ struct Conditioning {
 /// Weighted nonlinear least squares from one start: minimises the sum of (z - h(x))ᵀ R⁻¹ (z - h(x)).
 ///
 /// Levenberg and Marquardt's method: Gauss-Newton steps while they reduce the sum, damped along the diagonal when they
-/// do not (doc/position_fix.md eq. 5 to 7; Nocedal and Wright, Numerical Optimization, 10.3). It finds the minimum of
+/// do not (doc/position_fix.md eq. 3 to 6; Nocedal and Wright, Numerical Optimization, 10.3). It finds the minimum of
 /// the start's valley: give a start on the right side of every symmetry, or use `solve_from`.
 ///
 /// `groups`: see `MeasurementGroupFor`; rows keep the order of the arguments. `MaxRows` is the capacity.

@@ -15,6 +15,7 @@ namespace soopnav::lte {
 /// PSS, SSS, reference signals of the central six resource blocks and, once decoded, the PBCH.
 ///
 /// The synchronisation signals' channel is estimated in each half-frame anew, since their antenna port may change.
+/// See cpp/doc/lte_cell_search.md section 6.
 class Canceller {
  public:
   Canceller();

@@ -22,7 +22,8 @@ struct ConfirmedCell {
 };
 
 /// From a PSS candidate to confirmed cells: fine timing and frequency, SSS with cyclic prefix and duplex mode jointly,
-/// and the test on the cell-specific reference signals of the central six resource blocks.
+/// and the test on the cell-specific reference signals of the central six resource blocks (cpp/doc/lte_cell_search.md
+/// eq. 4 to 9).
 class CellTest {
  public:
   CellTest();

@@ -9,7 +9,8 @@ namespace soopnav::lte {
 /// Least squares onto the channels that delays within a window can make.
 ///
 /// The covariance over frequency of a channel whose power is spread evenly over the window has few eigenvalues that
-/// count; projecting on their vectors keeps such channels whole and rejects the rest of the noise.
+/// count; projecting on their vectors keeps such channels whole and rejects the rest of the noise
+/// (cpp/doc/lte_cell_search.md eq. 10).
 class DelaySubspace {
  public:
   /// `from`: frequencies observed, in units of 15 kHz; window in seconds; eigenvalues below `floor` of the largest are

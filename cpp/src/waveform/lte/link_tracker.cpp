@@ -245,6 +245,7 @@ bool LinkTracker::track(CrsTracker& tracker, IqSpan iq, LinkState& state, int it
   const double prior_drift = state.drift;
   const int nominal = tracker.cell().duplex == Duplex::kFdd ? 40 : 10;
   for (int iteration = 0; iteration < iterations; ++iteration) {
+    read_state_ = state;
     tracker.read(iq, state, nominal / 2);
     if (tracker.frames().empty()) tracker.read(iq, state, 1);
     if (tracker.frames().empty()) return false;

@@ -10,6 +10,7 @@ namespace soopnav::lte {
 ///
 /// Maximises J(tau) = sum_p |sum_j y_pj conj(t_pj) exp(+j 2 pi f_j tau / N)|^2, tau in samples of an N-point symbol,
 /// about a start within the main lobe, by Newton's method. `reference` may be null (a single path: t = 1).
+/// cpp/doc/lte_time_of_arrival.md eq. 2, 3 and 10.
 struct DelayFit {
   double tau = 0.0;        ///< samples
   double power = 0.0;      ///< J at the maximum
@@ -54,6 +55,10 @@ class LinkTracker {
   /// frame could be read.
   [[nodiscard]] bool track(CrsTracker& tracker, IqSpan iq, LinkState& state, int iterations, double drift_sigma);
 
+  /// The state under which the tracker's frames were last read, before the last refinement: what the delays of their
+  /// channels count from.
+  [[nodiscard]] const LinkState& read_state() const noexcept { return read_state_; }
+
   [[nodiscard]] const std::vector<FrameEstimate>& frames() const noexcept { return estimates_; }
   [[nodiscard]] double drift_sigma() const noexcept { return drift_sigma_; }
   [[nodiscard]] double frequency_sigma() const noexcept { return frequency_sigma_; }
@@ -77,6 +82,7 @@ class LinkTracker {
                FrameEstimate& out);
 
   CoarseDelay coarse_;
+  LinkState read_state_;
   std::vector<FrameEstimate> estimates_;
   std::vector<Cf32> mean_;
   int elements_ = 0, ports_ = 0;

@@ -14,7 +14,7 @@ inline constexpr int kMaxPaths = 8;
 ///
 /// Paths are added one at a time, the strongest of what is left, as long as it stands out of the noise and of the
 /// strongest path; after each, all delays are refined together by Gauss-Newton with the amplitudes projected out.
-/// See cpp/doc/lte_time_of_arrival.md.
+/// See cpp/doc/lte_time_of_arrival.md section 5.
 class PathModel {
  public:
   struct Limits {

@@ -10,7 +10,6 @@ namespace soopnav::lte {
 
 PssCorrelator::PssCorrelator(const Options& options)
     : options_(options),
-      inverse_size_(options.inverse_size),
       lags_(kHalfFrameSamples * options.inverse_size / kForward),
       ratio_(static_cast<double>(kForward) / options.inverse_size),
       forward_(kForward, dsp::FftDirection::kForward),

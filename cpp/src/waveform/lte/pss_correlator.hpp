@@ -24,7 +24,7 @@ struct PssCandidate {
 ///
 /// One forward transform serves every hypothesis: a carrier offset is a shift of its bins. The inverse transform may be
 /// shorter, since the signal fills half of the band. Powers are summed over half-frames in groups, and the groups along
-/// several drifts of the sampling clock.
+/// several drifts of the sampling clock (cpp/doc/lte_cell_search.md eq. 1 to 3).
 class PssCorrelator {
  public:
   struct Options {
@@ -58,7 +58,7 @@ class PssCorrelator {
   void offer(const PssCandidate& candidate, std::size_t limit, std::vector<PssCandidate>& out) const;
 
   Options options_;
-  int inverse_size_, lags_;
+  int lags_;
   double ratio_;  // input samples per lag
   int half_frames_ = 0;
   std::vector<int> shifts_;  // bins

@@ -68,7 +68,7 @@ struct ToaEstimator::Impl {
 };
 
 // Ports 2 and 3 have fewer reference symbols than 0 and 1. Scaled by the root of their share, the elements of all ports
-// are equally noisy, and the sums over ports weigh them as maximum likelihood does. Returns the ports' weights' sum.
+// are equally noisy, and the sums over ports weigh them as maximum likelihood does (eq. 5). Returns the weights' sum.
 double ToaEstimator::Impl::weigh_ports(int ports) {
   double total = std::min(ports, 2);
   for (std::size_t f = 0; f < tracker.frames().size(); ++f) {
@@ -138,8 +138,10 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
   const double weight = weigh_ports(ports);
 
   const double unit = fft_size / 128;
-  const double frame_samples = 19200.0 * unit * (1.0 + state.drift);
-  // A transform sees the delay at the middle of its window, half a symbol of drift after the symbol's start.
+  const LinkState& read = link.read_state();  // the frames' delays count from its line
+  const double frame_samples = 19200.0 * unit * (1.0 + read.drift);
+  // A transform sees the delay at the middle of its window, half a symbol of drift after the symbol's start (eq. 6 of
+  // cpp/doc/lte_time_of_arrival.md).
   const double until_middle = state.drift * (0.5 * fft_size - tracker.back());
   PathModel::Limits limits;
   limits.window_samples = 4.7e-6 * rate_hz;

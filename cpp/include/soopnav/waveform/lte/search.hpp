@@ -24,7 +24,7 @@ enum class SearchStatus {
   kNonFinite,  ///< a sample is NaN or infinite
 };
 
-/// Cell search over a capture or a stream (nielsen 2.3.1; TS 36.211 6.11).
+/// Cell search over a capture or a stream (nielsen 2.3.1; TS 36.211 6.11; cpp/doc/lte_cell_search.md).
 ///
 /// PSS by correlation at carrier-offset hypotheses on one forward transform, summed over half-frames without phase and
 /// along drifts of the sampling clock; SSS coherently against the PSS; cyclic prefix and duplex mode decided jointly;
@@ -38,11 +38,12 @@ class Searcher {
   Searcher(Searcher&&) noexcept;
   Searcher& operator=(Searcher&&) noexcept;
 
-  /// Searches a whole capture. Detections come strongest first and stay valid until the next call.
+  /// Searches a whole capture. Detections come highest SNR first and stay valid until the next call.
   SearchStatus search(IqSpan iq);
 
-  /// Adds a block of a stream; each time `window_s` is full it is searched. Returns the detections of the windows that
-  /// this block completed, times from the window's first sample; empty otherwise. Non-finite samples count as zero.
+  /// Adds a block of a stream; each time `window_s` is full it is searched. Returns the detections of the last window
+  /// that this block completed, times from the window's first sample; empty when it completed none. Blocks longer than
+  /// a window hide those before. Non-finite samples count as zero.
   std::span<const Detection> push(IqSpan block);
 
   [[nodiscard]] std::span<const Detection> detections() const noexcept;

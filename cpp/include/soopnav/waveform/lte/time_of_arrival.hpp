@@ -23,7 +23,7 @@ struct TimeOfArrival {
   double cfo_hz = 0.0;                  ///< carrier offset, refined over the capture
   double clock_error_ppm = 0.0;         ///< from the slope of the frames' delays, sign as in Detection
   double snr_db = 0.0;                  ///< per CRS resource element, mean over ports
-  double noise_variance = 0.0;          ///< of one resource element, in squared sample units of a unitary transform
+  double noise_variance = 0.0;          ///< of one resource element, unitary transform of the capture's samples
   std::vector<Path> paths;              ///< first path first
   std::vector<float> impulse_response;  ///< magnitude over delay, all ports; spacing and origin below
   double impulse_response_step_s = 0.0;
@@ -37,7 +37,8 @@ enum class ToaStatus {
   kLost,  ///< the cell's reference signals are not in these samples
 };
 
-/// Channel and time of arrival from the cell-specific reference signals of one cell.
+/// Channel and time of arrival from the cell-specific reference signals of one cell: ports without common phase,
+/// discrete paths, and the first of them (TS 36.211 6.10.1; cpp/doc/lte_time_of_arrival.md).
 class ToaEstimator {
  public:
   /// @throws std::invalid_argument naming the parameter: `sample_rate_hz` 1.4e6 ... 100e6.
@@ -66,7 +67,7 @@ struct SubframeToa {
 /// Channel and maximum-likelihood delay from one subframe at a time, for receivers that run along with the samples.
 ///
 /// All ports and both shifts of the comb (elements every 45 kHz: unambiguous over 22.2 us), phase free per port, one
-/// path. `estimate` allocates nothing after its first call.
+/// path (cpp/doc/lte_time_of_arrival.md eq. 2 to 5). `estimate` allocates nothing after its first call.
 class SubframeToaEstimator {
  public:
   /// `cell` gives identity, cyclic prefix, duplex mode, bandwidth and ports (six blocks and one port when unknown).
@@ -77,8 +78,8 @@ class SubframeToaEstimator {
   SubframeToaEstimator& operator=(SubframeToaEstimator&&) noexcept;
 
   /// `iq` holds the subframe; it begins near `start_s` (within +-2 us) after the span's first sample. nullopt when the
-  /// span is too short, not finite or silent, or the subframe has no reference signals in its first slot's both
-  /// symbols.
+  /// span is too short, not finite or silent, or the subframe has not all reference signals of both slots (TDD: only
+  /// subframes 0 and 5 are read). A cell's clock error is not taken out (cpp/doc/lte_time_of_arrival.md eq. 6).
   [[nodiscard]] std::optional<SubframeToa> estimate(IqSpan iq, int subframe, double start_s, double cfo_hz);
 
  private:
