@@ -345,6 +345,48 @@ void register_sequences(py::module_& m) {
       "Cell-specific reference signals of one symbol: values, subcarriers.");
 }
 
+/// An estimator that several Python threads may hold: calls wait for each other.
+class SharedSubframeToaEstimator {
+ public:
+  SharedSubframeToaEstimator(double sample_rate_hz, const Detection& cell) : estimator_(sample_rate_hz, cell) {}
+
+  std::optional<lte::SubframeToa> estimate(IqSpan iq, int subframe, double start_s, double cfo_hz) {
+    const py::gil_scoped_release release;
+    const std::scoped_lock lock(mutex_);
+    return estimator_.estimate(iq, subframe, start_s, cfo_hz);
+  }
+
+ private:
+  std::mutex mutex_;
+  lte::SubframeToaEstimator estimator_;
+};
+
+void register_subframe(py::module_& m) {
+  using lte::SubframeToa;
+  py::class_<SubframeToa>(m, "SubframeToa", "Delay of one subframe. Read-only.")
+      .def_readonly("toa_s", &SubframeToa::toa_s, "Start of the subframe, from the samples' first one.")
+      .def_readonly("sigma_s", &SubframeToa::sigma_s, "Standard deviation.")
+      .def_readonly("snr_db", &SubframeToa::snr_db, "Per reference element, mean over ports.")
+      .def_readonly("noise_variance", &SubframeToa::noise_variance, "Of one resource element.")
+      .def_readonly("residual_cfo_hz", &SubframeToa::residual_cfo_hz, "Carrier offset left beside the one given.")
+      .def("__repr__", [](const SubframeToa& t) {
+        return format("SubframeToa(toa_s=%.12g +- %.1e, snr_db=%.1f, residual_cfo_hz=%+.1f)", t.toa_s, t.sigma_s,
+                      t.snr_db, t.residual_cfo_hz);
+      });
+  py::class_<SharedSubframeToaEstimator>(
+      m, "SubframeToaEstimator",
+      "Maximum-likelihood delay from the reference signals of one subframe at a time: phase free per port, one path.")
+      .def(py::init<double, const Detection&>(), py::arg("sample_rate_hz"), py::arg("detection"))
+      .def(
+          "estimate",
+          [](SharedSubframeToaEstimator& self, const IqArray<"iq">& iq, int subframe, double start_s, double cfo_hz) {
+            check_range("subframe", subframe, 0, 9);
+            return self.estimate(iq.span(), subframe, start_s, cfo_hz);
+          },
+          py::arg("iq"), py::arg("subframe"), py::arg("start_s"), py::kw_only(), py::arg("cfo_hz") = 0.0,
+          "Delay of the subframe that begins near start_s in iq; None when the samples do not hold it.");
+}
+
 using lte::CellParameters;
 using lte::SyncPorts;
 using Taps = std::vector<std::pair<double, std::complex<double>>>;
@@ -490,6 +532,7 @@ void register_lte(py::module_& m) {
       "The reference signals of the cell asked for are not in the samples.";
   register_types(m);
   register_receiver(m);
+  register_subframe(m);
   register_sequences(m);
   register_synthesis(m);
 }

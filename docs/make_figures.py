@@ -112,9 +112,9 @@ def first_path_figure() -> None:
         delay_s=1.2345e-3,
         port_gain=[1.0, np.exp(0.7j), 1.0, 1.0],
         taps=[
-            sn.lte.PathTap(delay_s=0.0, gain=0.6),
-            sn.lte.PathTap(delay_s=120e-9, gain=np.exp(1.1j)),
-            sn.lte.PathTap(delay_s=300e-9, gain=0.5 * np.exp(-2.0j)),
+            (0.0, 0.6),
+            (120e-9, np.exp(1.1j)),
+            (300e-9, 0.5 * np.exp(-2.0j)),
         ],
     )
     iq = sn.lte.synthesize(cell, 30.72e6, 1_228_800, snr_db=20.0, seed=3)

@@ -384,4 +384,4 @@ def _draw_residuals(axes: Axes, fix: PositionFix, labels: Sequence[str]) -> None
     axes.minorticks_off()
     axes.set_yticks(rows, [label.split(" (")[0] for label in labels])
     axes.invert_yaxis()
-    _style(axes, "Residuals", "measured minus predicted, | gate [m]", "")
+    _style(axes, "Residuals ( | gate )", "measured − predicted [m]", "")

@@ -83,7 +83,7 @@ def test_scan_prints_a_table(city):
     assert rows.keys() == CELLS.keys()
     for row in rows.values():
         assert re.fullmatch(
-            r" *\d+ +FDD +normal +15 +2 +412 +\+1\.37 kHz +\+1\.[67]\d ppm +−?\d+\.\d dB "
+            r" *\d+ +FDD +normal +15 +2 +412 +\+1\.37 kHz +\+[12]\.\d\d ppm +−?\d+\.\d dB "
             r"+3\.20\d \d{3} ms ± [\d.]+ m?m *",
             row,
         ), row

@@ -178,7 +178,7 @@ ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfA
       const double noise = tracker.noise_variance() / (0.5 * frames[f].symbols);
       const double own = std::sqrt(noise / (2.0 * std::max(shape_energy * fit.curvature, 1e-30)));
       const double arrival =
-          state.frame_start + frames[f].index * frame_samples + model.delay(model.first()) + fit.tau - until_middle;
+          read.frame_start + frames[f].index * frame_samples + model.delay(model.first()) + fit.tau - until_middle;
       out.toa_s.push_back(arrival / rate_hz - frames[f].index * kFrameS);
       out.sigma_s.push_back(std::hypot(own, common) / rate_hz);
       out.frame_index.push_back(frames[f].index);

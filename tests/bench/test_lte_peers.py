@@ -1,0 +1,118 @@
+"""The LTE receiver beside the same sums written with NumPy and SciPy, in one run.
+
+pytest-benchmark groups each pair; the ratio of a group is the figure that docs/benchmarks.md gives.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.fft
+import soopnav_cpp as sn
+from pytest_benchmark.fixture import BenchmarkFixture
+
+Iq = npt.NDArray[np.complex64]
+
+
+@pytest.fixture(scope="module")
+def capture() -> Iq:
+    cell = sn.lte.CellParameters(cell_id=277, n_rb=6, n_ports=2, delay_s=1.234e-3, cfo_hz=35.2e3, start_sfn=74)
+    return sn.lte.synthesize(cell, 1.92e6, 153_600, snr_db=10.0, seed=1)
+
+
+def pss_bank_scipy(iq: Iq, max_cfo_hz: float, spacing_hz: float) -> tuple[int, int, int]:
+    """Three PSS at a bank of carrier offsets on one forward transform per half-frame, powers summed: the first stage."""
+    size, half_frame = 10_240, 9_600
+    offsets = np.arange(-int(max_cfo_hz / spacing_hz), int(max_cfo_hz / spacing_hz) + 1)
+    shifts = np.rint(offsets * spacing_hz * size / 1.92e6).astype(int)
+    references = []
+    for root in range(3):
+        bins = np.zeros(128, np.complex64)
+        bins[-31:], bins[1:32] = sn.lte.pss(root)[:31], sn.lte.pss(root)[31:]
+        references.append(np.conj(scipy.fft.fft(scipy.fft.ifft(bins), size)).astype(np.complex64))
+    power = np.zeros((len(shifts), 3, half_frame), np.float32)
+    for start in range(0, len(iq) - size + 1, half_frame):
+        spectrum = scipy.fft.fft(iq[start : start + size])
+        for i, shift in enumerate(shifts):
+            moved = np.roll(spectrum, -shift)
+            for root, reference in enumerate(references):
+                correlation = scipy.fft.ifft(moved * reference)[:half_frame]
+                power[i, root] += correlation.real**2 + correlation.imag**2
+    best = np.unravel_index(int(np.argmax(power)), power.shape)
+    return int(best[0]), int(best[1]), int(best[2])
+
+
+@pytest.mark.benchmark(group="search of 80 ms at 1.92 Msps, carrier within 150 kHz")
+def test_wide_search(benchmark: BenchmarkFixture, capture: Iq) -> None:
+    searcher = sn.lte.Searcher(1.92e6, max_cfo_hz=150e3)
+    (cell,) = benchmark(searcher.search, capture)
+    assert (cell.cell_id, cell.sfn) == (277, 74)
+
+
+@pytest.mark.benchmark(group="search of 80 ms at 1.92 Msps, carrier within 150 kHz")
+def test_wide_search_scipy_pss_only(benchmark: BenchmarkFixture, capture: Iq) -> None:
+    _, root, lag = benchmark.pedantic(pss_bank_scipy, args=(capture, 150e3, 7.5e3), rounds=3)
+    assert root == 277 % 3
+    assert abs(lag - round((1.234e-3 * 1.92e6 + 832) % 9600)) <= 1
+
+
+def subframe_toa_numpy(iq: Iq, cell_id: int) -> float:
+    """CRS estimate of both ports and maximum-likelihood delay of a 100-block subframe at 30.72 Msps."""
+    channel = np.zeros((2, 400), np.complex128)
+    for slot in range(2):
+        for symbol, start in ((0, 160), (4, 160 + 4 * 2048 + 4 * 144)):
+            at = slot * 15_360 + start + 614
+            spectrum = scipy.fft.fft(iq[at : at + 2048]) / np.sqrt(2048)
+            for port in range(2):
+                values, subcarriers = sn.lte.crs(cell_id, slot, symbol, port=port, n_rb=100)
+                centred = subcarriers - 600
+                channel[port, subcarriers // 3] += spectrum[np.where(centred < 0, centred, centred + 1)] * values.conj() / 2
+    centred = 3 * np.arange(400) + cell_id % 3 - 600
+    frequencies = np.where(centred < 0, centred, centred + 1)
+    power = np.sum(np.abs(scipy.fft.ifft(channel, 2048, axis=1)) ** 2, axis=0)
+    peak = int(np.argmax(power))
+    tau = (peak if peak < 1024 else peak - 2048) / 2048 / 45e3
+    omega = 2 * np.pi * 15e3 * frequencies
+    for _ in range(5):  # Newton on the sum of both ports' powers
+        s0 = channel * np.exp(1j * omega * tau)
+        a, b, c = s0.sum(1), (s0 * omega).sum(1), (s0 * omega**2).sum(1)
+        slope = np.sum(2 * (a.conj() * 1j * b).real)
+        curvature = np.sum(2 * (np.abs(b) ** 2 - (a.conj() * c).real))
+        tau -= slope / curvature
+    return 614 / 30.72e6 + tau
+
+
+@pytest.fixture(scope="module")
+def subframe() -> Iq:
+    cell = sn.lte.CellParameters(cell_id=277, n_rb=100, n_ports=2, delay_s=614 / 30.72e6 + 0.3e-6)
+    return sn.lte.synthesize(cell, 30.72e6, 33_792, snr_db=10.0, seed=1)
+
+
+@pytest.mark.benchmark(group="CRS and delay of one 100-RB subframe at 30.72 Msps")
+def test_subframe_toa(benchmark: BenchmarkFixture, subframe: Iq) -> None:
+    detection = sn.lte.Detection(cell_id=277, frame_start_s=614 / 30.72e6, n_rb=100, n_ports=2)
+    estimator = sn.lte.SubframeToaEstimator(30.72e6, detection)
+    toa = benchmark(estimator.estimate, subframe, 0, 614 / 30.72e6)
+    assert toa.toa_s == pytest.approx(614 / 30.72e6 + 0.3e-6, abs=1e-9)
+
+
+@pytest.mark.benchmark(group="CRS and delay of one 100-RB subframe at 30.72 Msps")
+def test_subframe_toa_numpy(benchmark: BenchmarkFixture, subframe: Iq) -> None:
+    toa_s = benchmark(subframe_toa_numpy, subframe, 277)
+    assert toa_s == pytest.approx(614 / 30.72e6 + 0.3e-6, abs=1e-9)
+
+
+@pytest.mark.benchmark(group="two searches of 80 ms")
+def test_two_searches_in_turn(benchmark: BenchmarkFixture, capture: Iq) -> None:
+    found = benchmark(lambda: [sn.lte.search(capture, 1.92e6) for _ in range(2)])
+    assert all(len(cells) == 1 for cells in found)
+
+
+@pytest.mark.benchmark(group="two searches of 80 ms")
+def test_two_searches_in_two_threads(benchmark: BenchmarkFixture, capture: Iq) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        found = benchmark(lambda: list(pool.map(lambda _: sn.lte.search(capture, 1.92e6), range(2))))
+    assert all(len(cells) == 1 for cells in found)
