@@ -100,6 +100,8 @@ void check(lte::ToaStatus status, IqSpan iq, double sample_rate_hz, const Detect
           too_few(iq, sample_rate_hz, "one whole subframe with reference signals (1 ms) is needed"));
     case lte::ToaStatus::kNonFinite:
       throw std::invalid_argument(not_finite(iq));
+    case lte::ToaStatus::kBadCell:
+      throw std::invalid_argument("detection: not a cell that can be");
     case lte::ToaStatus::kLost:
       throw CellLost("detection: the reference signals of cell " + std::to_string(cell.cell_id) +
                      " are not in these samples");
@@ -214,8 +216,10 @@ void register_types(py::module_& m) {
       .def_readonly("clock_error_ppm", &Detection::clock_error_ppm, "Sampling-clock error, parts per million.")
       .def_readonly("clock_error_sigma_ppm", &Detection::clock_error_sigma_ppm,
                     "Standard deviation of clock_error_ppm.")
+      .def_readonly("power_db", &Detection::power_db,
+                    "Of a reference element, mean over ports; 0 dB is magnitude 1 in a unitary transform.")
       .def_readonly("snr_db", &Detection::snr_db,
-                    "Per reference element of port 0 over the central six resource blocks.")
+                    "Per reference element, mean over ports, over the central six resource blocks.")
       .def_readonly("crs_statistic", &Detection::crs_statistic,
                     "Evidence of the confirming reference-signal test, in units of its mean in noise.")
       .def("__repr__", [](const Detection& d) { return repr(d); });
@@ -248,7 +252,7 @@ void register_types(py::module_& m) {
       .def_readonly("paths", &TimeOfArrival::paths, "Resolved paths, the first one first.")
       .def_readonly("cfo_hz", &TimeOfArrival::cfo_hz, "Carrier-frequency offset, refined over the capture.")
       .def_readonly("clock_error_ppm", &TimeOfArrival::clock_error_ppm, "Sampling-clock error of the frames' delays.")
-      .def_readonly("snr_db", &TimeOfArrival::snr_db, "Per reference element of port 0.")
+      .def_readonly("snr_db", &TimeOfArrival::snr_db, "Per reference element, mean over ports.")
       .def_readonly("noise_variance", &TimeOfArrival::noise_variance, "Of one resource element.")
       .def("__len__", [](const TimeOfArrival& t) { return t.toa_s.size(); })
       .def("__repr__", [](const TimeOfArrival& t) { return repr(t); });

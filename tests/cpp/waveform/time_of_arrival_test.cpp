@@ -230,6 +230,26 @@ TEST(ToaBadInput, RatesOutOfRangeAreNamed) {
   EXPECT_EQ(refusal_of_rate(100e6), "accepted");
 }
 
+TEST(ToaBadInput, CellsThatCannotBe) {
+  CellParameters cell;
+  cell.cell_id = 5;
+  const auto iq = capture(cell, 1.92e6, 20e-3, 20.0, 1);
+  std::array<Detection, 5> bad;
+  bad.fill(truth(cell));
+  bad[0].cell_id = 504;
+  bad[1].n_ports = 3;
+  bad[2].n_rb = 7;
+  bad[3].cfo_hz = kNan;
+  bad[4].clock_error_ppm = kNan;
+  ToaEstimator estimator(1.92e6);
+  TimeOfArrival toa;
+  for (const Detection& d : bad) {
+    EXPECT_EQ(estimator.estimate(iq, d, toa), ToaStatus::kBadCell);
+    EXPECT_TRUE(toa.toa_s.empty());
+    EXPECT_THROW(SubframeToaEstimator(1.92e6, d), std::invalid_argument);
+  }
+}
+
 TEST(ToaBadInput, TooShort) {
   RandomStream random(11);
   CellParameters cell = random_cell(random);

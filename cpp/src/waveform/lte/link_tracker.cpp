@@ -186,6 +186,7 @@ void LinkTracker::align(const CrsTracker& tracker, std::size_t first, std::size_
   mean_noise_ = noise / (0.5 * weight);
   double mean_power = 0.0;
   for (std::size_t p = 0; p < ports; ++p) mean_power += kernels::energy(mean[p], n) / (elements_ * ports_);
+  power_ = std::max(mean_power - mean_noise_, 1e-30);
   snr_ = noise > 0.0 ? std::max(1e-6, (mean_power - mean_noise_) / noise) : 1e12;
 
   double previous = 0.0;

@@ -65,6 +65,8 @@ class LinkTracker {
   [[nodiscard]] double delay_sigma() const noexcept { return delay_sigma_; }
   /// Mean signal power per element of a port over noise power per element, linear, not below 1e-6.
   [[nodiscard]] double snr() const noexcept { return snr_; }
+  /// Mean signal power per element of a port, not below 1e-30.
+  [[nodiscard]] double power() const noexcept { return power_; }
   /// Average of all frames, phases aligned: the channel of `port`.
   [[nodiscard]] const Cf32* mean_channel(int port) const noexcept;
   /// Noise variance of an element of mean_channel.
@@ -86,7 +88,8 @@ class LinkTracker {
   std::vector<FrameEstimate> estimates_;
   std::vector<Cf32> mean_;
   int elements_ = 0, ports_ = 0;
-  double drift_sigma_ = 0.0, frequency_sigma_ = 0.0, delay_sigma_ = 0.0, snr_ = 0.0, mean_noise_ = 0.0;
+  double drift_sigma_ = 0.0, frequency_sigma_ = 0.0, delay_sigma_ = 0.0, snr_ = 0.0, power_ = 0.0,
+         mean_noise_ = 0.0;
 };
 
 }  // namespace soopnav::lte

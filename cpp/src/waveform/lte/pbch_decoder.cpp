@@ -32,6 +32,8 @@ constexpr std::size_t kMaxPeriods = kMaxWindow / 4 + 1;
 constexpr std::size_t kFirstWindow = 8;
 constexpr float kFirstMargin = 7.7F;
 constexpr float kLaterMargin = 8.15F;
+// Least margin of a word from one period while others are at hand: a wrong counter differs in few coded bits.
+constexpr float kAloneMargin = 11.0F;
 constexpr int kMaxAttempts = 2000;
 
 // Two more tests for soft bits that hold a signal, but another than the one sought (doc section 3): the least share of
@@ -309,7 +311,8 @@ std::optional<PbchResult> PbchDecoder::decode(std::span<const PbchSoftBits> fram
       const std::size_t n_periods = Scratch::periods_of(phase, length);
       for (std::size_t t = 0; t < n_periods && s.attempts < kMaxAttempts; ++t) {
         s.combined = s.periods[phase][t];
-        const auto payload = s.attempt(margin);
+        // Below this a word has to agree with the other periods too, which the patterns below see to.
+        const auto payload = s.attempt(n_periods > 1 ? std::max(margin, kAloneMargin) : margin);
         if (!payload) continue;
         if (const auto out = result(*payload, first, phase, t)) return out;
       }

@@ -169,6 +169,7 @@ bool Searcher::Impl::accept(const ConfirmedCell& cell) {
   d.clock_error_ppm = -state.drift / (1.0 + state.drift) * 1e6;
   d.clock_error_sigma_ppm = link.drift_sigma() * 1e6;
   d.snr_db = 10.0 * std::log10(link.snr());
+  d.power_db = 10.0 * std::log10(link.power());
   d.crs_statistic = cell.evidence;
   detections.push_back(d);
 
@@ -228,7 +229,7 @@ void Searcher::Impl::search(IqSpan iq) {
   first_search(iq);
   if (!detections.empty()) later_search();
   std::sort(detections.begin(), detections.end(),
-            [](const Detection& a, const Detection& b) { return a.snr_db > b.snr_db; });
+            [](const Detection& a, const Detection& b) { return a.power_db > b.power_db; });
 }
 
 Searcher::Searcher(const SearchOptions& options) {

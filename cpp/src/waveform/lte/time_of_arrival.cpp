@@ -33,6 +33,14 @@ int usable_rb(int n_rb, double sample_rate_hz) {
   return std::clamp(static_cast<int>(0.8 * sample_rate_hz / kRbHz), 6, n_rb);
 }
 
+bool is_cell(const Detection& cell) {
+  const int n_rb = cell.n_rb.value_or(6), n_ports = cell.n_ports.value_or(1);
+  return cell.cell_id >= 0 && cell.cell_id < kCells &&
+         std::find(kBandwidthsRb.begin(), kBandwidthsRb.end(), n_rb) != kBandwidthsRb.end() &&
+         (n_ports == 1 || n_ports == 2 || n_ports == 4) && std::isfinite(cell.frame_start_s) &&
+         std::isfinite(cell.cfo_hz) && std::abs(cell.clock_error_ppm) < 1e5;
+}
+
 void require_rate(double sample_rate_hz) {
   if (!(sample_rate_hz >= 1.4e6 && sample_rate_hz <= 100e6)) {
     throw std::invalid_argument("sample_rate_hz: " + std::to_string(sample_rate_hz) + "; 1.4e6 ... 100e6 expected");
@@ -105,6 +113,7 @@ void ToaEstimator::Impl::profile(int ports, double weight, double first_delay, T
 
 ToaStatus ToaEstimator::Impl::estimate(IqSpan iq, const Detection& cell, TimeOfArrival& out) {
   out = {};
+  if (!is_cell(cell)) return ToaStatus::kBadCell;
   for (const Cf32 x : iq) {
     if (!std::isfinite(x.real()) || !std::isfinite(x.imag())) return ToaStatus::kNonFinite;
   }
@@ -219,6 +228,12 @@ struct SubframeToaEstimator::Impl {
 
 SubframeToaEstimator::SubframeToaEstimator(double sample_rate_hz, const Detection& cell) {
   require_rate(sample_rate_hz);
+  if (!is_cell(cell)) {
+    throw std::invalid_argument("cell: identity " + std::to_string(cell.cell_id) + ", " +
+                                std::to_string(cell.n_rb.value_or(6)) + " blocks, " +
+                                std::to_string(cell.n_ports.value_or(1)) +
+                                " ports; identity 0 ... 503, 6, 15, 25, 50, 75 or 100 blocks, 1, 2 or 4 ports expected");
+  }
   const double multiple = sample_rate_hz / kBaseRateHz;
   if (std::abs(multiple - std::round(multiple)) > 1e-9) {
     throw std::invalid_argument("sample_rate_hz: " + std::to_string(sample_rate_hz) +

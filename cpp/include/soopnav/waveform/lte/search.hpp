@@ -38,7 +38,7 @@ class Searcher {
   Searcher(Searcher&&) noexcept;
   Searcher& operator=(Searcher&&) noexcept;
 
-  /// Searches a whole capture. Detections come highest SNR first and stay valid until the next call.
+  /// Searches a whole capture. Detections come strongest first and stay valid until the next call.
   SearchStatus search(IqSpan iq);
 
   /// Adds a block of a stream; each time `window_s` is full it is searched. Returns the detections of the last window

@@ -34,7 +34,8 @@ enum class ToaStatus {
   kOk,
   kTooShort,  ///< not one whole subframe with reference signals
   kNonFinite,
-  kLost,  ///< the cell's reference signals are not in these samples
+  kBadCell,  ///< no such cell: identity, bandwidth or ports out of range, times not finite
+  kLost,     ///< the cell's reference signals are not in these samples
 };
 
 /// Channel and time of arrival from the cell-specific reference signals of one cell: ports without common phase,
@@ -71,7 +72,8 @@ struct SubframeToa {
 class SubframeToaEstimator {
  public:
   /// `cell` gives identity, cyclic prefix, duplex mode, bandwidth and ports (six blocks and one port when unknown).
-  /// @throws std::invalid_argument when `sample_rate_hz` is not a multiple of 1.92e6 in 1.92e6 ... 100e6.
+  /// @throws std::invalid_argument when `sample_rate_hz` is not a multiple of 1.92e6 in 1.92e6 ... 100e6, or for a cell
+  ///         that cannot be: identity 0 ... 503, bandwidth 6, 15, 25, 50, 75 or 100 blocks, 1, 2 or 4 ports.
   SubframeToaEstimator(double sample_rate_hz, const Detection& cell);
   ~SubframeToaEstimator();
   SubframeToaEstimator(SubframeToaEstimator&&) noexcept;

@@ -73,6 +73,7 @@ struct Detection {
   double clock_error_ppm = 0.0;
   double clock_error_sigma_ppm = 0.0;
   double snr_db = 0.0;         ///< per CRS resource element, mean over ports, central six resource blocks
+  double power_db = 0.0;       ///< of a CRS resource element, mean over ports; 0 dB: magnitude 1 in a unitary transform
   double crs_statistic = 0.0;  ///< evidence of the confirming CRS test, in units of its noise mean
 };
 
