@@ -197,7 +197,7 @@ def test_locate_in_local_metres(city, nodes, tmp_path):
     assert sorted(p.name for p in out.iterdir()) == ["fix.geojson", "map.png", "metrics.json", "report.html"]
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["status"] == "converged"
-    assert metrics["position_m"][:2] == pytest.approx([east, north], abs=0.01)
+    assert metrics["position_m"][:2] == pytest.approx([east, north], abs=0.051)  # printed to 0.1 m at this deviation
     assert metrics["latitude_deg"] is None
     assert [cell["use"] for cell in metrics["cells"]] == ["used"] * 4
     assert metrics["sigma_m"] == pytest.approx(float(match[3]), abs=0.06)

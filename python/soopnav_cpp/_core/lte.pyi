@@ -17,6 +17,8 @@ __all__: list[str] = [
     "Duplex",
     "Path",
     "Searcher",
+    "SubframeToa",
+    "SubframeToaEstimator",
     "SyncPorts",
     "Synthesizer",
     "TimeOfArrival",
@@ -130,6 +132,11 @@ class Detection:
         Bandwidth in resource blocks; None when no MIB was decoded.
         """
     @property
+    def power_db(self) -> float:
+        """
+        Of a reference element, mean over ports; 0 dB is magnitude 1 in a unitary transform.
+        """
+    @property
     def sfn(self) -> int | None:
         """
         System frame number at frame_start_s; None when no MIB was decoded.
@@ -137,7 +144,7 @@ class Detection:
     @property
     def snr_db(self) -> float:
         """
-        Per reference element of port 0 over the central six resource blocks.
+        Per reference element, mean over ports, over the central six resource blocks.
         """
 
 class Path:
@@ -210,7 +217,7 @@ class TimeOfArrival:
     @property
     def snr_db(self) -> float:
         """
-        Per reference element of port 0.
+        Per reference element, mean over ports.
         """
     @property
     def toa_s(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -247,6 +254,54 @@ class Searcher:
     def sample_rate_hz(self) -> float: ...
     @property
     def window_s(self) -> float: ...
+
+class SubframeToa:
+    """
+    Delay of one subframe. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def noise_variance(self) -> float:
+        """
+        Of one resource element.
+        """
+    @property
+    def residual_cfo_hz(self) -> float:
+        """
+        Carrier offset left beside the one given.
+        """
+    @property
+    def sigma_s(self) -> float:
+        """
+        Standard deviation.
+        """
+    @property
+    def snr_db(self) -> float:
+        """
+        Per reference element, mean over ports.
+        """
+    @property
+    def toa_s(self) -> float:
+        """
+        Start of the subframe, from the samples' first one.
+        """
+
+class SubframeToaEstimator:
+    """
+    Maximum-likelihood delay from the reference signals of one subframe at a time: phase free per port, one path.
+    """
+    def __init__(self, sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex, detection: Detection) -> None: ...
+    def estimate(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        subframe: typing.SupportsInt | typing.SupportsIndex,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> SubframeToa | None:
+        """
+        Delay of the subframe that begins near start_s in iq; None when the samples do not hold it.
+        """
 
 class SyncPorts(enum.Enum):
     """

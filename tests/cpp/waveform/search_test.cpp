@@ -237,7 +237,7 @@ TEST(Search, SeveralCells) {
     EXPECT_NEAR(d->cfo_hz, 1200.0, 5.0);
   }
   for (std::size_t i = 1; i < 3; ++i) {
-    EXPECT_LE(searcher.detections()[i].snr_db, searcher.detections()[i - 1].snr_db);
+    EXPECT_LE(searcher.detections()[i].power_db, searcher.detections()[i - 1].power_db);
   }
 }
 
