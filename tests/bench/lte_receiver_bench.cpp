@@ -42,7 +42,7 @@ void BM_HalfFrameSync(benchmark::State& state) {
   const auto iq = capture(1.92e6, 5.2e-3, 6, 3e3, 10.0);
   lte::PssCorrelator correlator({.max_cfo_hz = 7.5e3,
                                  .spacing_hz = 5.0625e3,
-                                 .inverse_size = 7680,
+                                 .inverse_size = 6144,
                                  .max_drift_ppm = 0.0,
                                  .max_half_frames = 4,
                                  .in_band = true});

@@ -40,7 +40,7 @@ PssCorrelator::Options first_pass(double max_cfo_hz) {
   const bool narrow = max_cfo_hz <= 12e3;
   options.max_cfo_hz = max_cfo_hz;
   options.spacing_hz = narrow ? 5.0625e3 : 7.5e3;
-  options.inverse_size = narrow ? 7680 : 6144;
+  options.inverse_size = 6144;
   options.max_drift_ppm = kMaxDriftPpm;
   options.max_half_frames = kWideWindow;
   options.in_band = narrow;
