@@ -1,4 +1,4 @@
-"""Draws the figures of docs/lte.md into docs/images.
+"""Draws the simulated figures of docs/lte.md into docs/images; demo_scan.png and demo_map.png are those of tools/demo.
 
     .venv/bin/python docs/make_figures.py [--runs N]
 
@@ -15,6 +15,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+
 import soopnav_cpp as sn
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
@@ -22,7 +23,7 @@ IMAGES = Path(__file__).resolve().parent / "images"
 
 
 def detection_curve(runs: int) -> None:
-    """Share of trials with the right cell and with the MIB over SNR: six blocks, two ports, 60 ms, offset in +-3 kHz."""
+    """Share of trials with the right cell and with the MIB over SNR."""
     levels_db = np.arange(-20.0, -7.0, 1.0)
     figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
     for sync_ports, colour, label in (
@@ -120,7 +121,8 @@ def first_path_figure() -> None:
     iq = sn.lte.synthesize(cell, 30.72e6, 1_228_800, snr_db=20.0, seed=3)
     (found,) = sn.lte.search(iq, 30.72e6, max_cfo_hz=5e3)
     toa = sn.lte.time_of_arrival(iq, 30.72e6, found)
-    delays_ns = 1e9 * (toa.impulse_response_start_s + toa.impulse_response_step_s * np.arange(len(toa.impulse_response)))
+    lags = np.arange(len(toa.impulse_response))
+    delays_ns = 1e9 * (toa.impulse_response_start_s + toa.impulse_response_step_s * lags)
     power_db = 20 * np.log10(toa.impulse_response / toa.impulse_response.max())
     figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
     axes.plot(delays_ns, power_db, color="tab:blue", label="impulse response from both shifts of the comb")
@@ -148,7 +150,7 @@ def first_path_figure() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--runs", type=int, default=60)
     runs = parser.parse_args().runs
     IMAGES.mkdir(exist_ok=True)
     first_path_figure()

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.fft
-import soopnav_cpp as sn
 from pytest_benchmark.fixture import BenchmarkFixture
+
+import soopnav_cpp as sn
 
 Iq = npt.NDArray[np.complex64]
 
@@ -24,7 +25,7 @@ def capture() -> Iq:
 
 
 def pss_bank_scipy(iq: Iq, max_cfo_hz: float, spacing_hz: float) -> tuple[int, int, int]:
-    """Three PSS at a bank of carrier offsets on one forward transform per half-frame, powers summed: the first stage."""
+    """Three PSS at a bank of carrier offsets, one forward transform per half-frame, powers summed: the first stage."""
     size, half_frame = 10_240, 9_600
     offsets = np.arange(-int(max_cfo_hz / spacing_hz), int(max_cfo_hz / spacing_hz) + 1)
     shifts = np.rint(offsets * spacing_hz * size / 1.92e6).astype(int)
@@ -59,6 +60,40 @@ def test_wide_search_scipy_pss_only(benchmark: BenchmarkFixture, capture: Iq) ->
     assert abs(lag - round((1.234e-3 * 1.92e6 + 832) % 9600)) <= 1
 
 
+@pytest.fixture(scope="module")
+def half_frame() -> Iq:
+    cell = sn.lte.CellParameters(cell_id=277, n_rb=6, n_ports=2, delay_s=1.234e-3, cfo_hz=3e3)
+    return sn.lte.synthesize(cell, 1.92e6, 10_240, snr_db=10.0, seed=1)
+
+
+def sss_ranking_numpy(iq: Iq, lag: int, n_id_2: int, cfo_hz: float, table: npt.NDArray[np.float32]) -> int:
+    """All SSS of one N_ID_2 coherently against the PSS, in the FDD position with the normal prefix alone."""
+    turned = iq[lag - 137 : lag + 128] * np.exp(-2j * np.pi * cfo_hz / 1.92e6 * np.arange(265))
+    spectra = [scipy.fft.fft(turned[at : at + 128]) for at in (0, 137)]
+    sss, pss = (np.concatenate([s[-31:], s[1:32]]) for s in spectra)
+    channel = np.convolve(pss * np.conj(sn.lte.pss(n_id_2)), np.ones(9) / 9, mode="same")
+    return int(np.argmax(table @ (sss * channel.conj()).real))
+
+
+@pytest.mark.benchmark(group="one half-frame: three PSS within 7.5 kHz, then SSS")
+def test_half_frame(benchmark: BenchmarkFixture, half_frame: Iq) -> None:
+    searcher = sn.lte.Searcher(1.92e6, max_cfo_hz=7.5e3, decode_mib=False, max_cells=1)
+    (cell,) = benchmark(searcher.search, half_frame)  # goes on to the reference signals, estimates and cancellation
+    assert cell.cell_id == 277
+
+
+@pytest.mark.benchmark(group="one half-frame: three PSS within 7.5 kHz, then SSS")
+def test_half_frame_scipy(benchmark: BenchmarkFixture, half_frame: Iq) -> None:
+    ids = [(n, s) for n in range(1, 504, 3) for s in (0, 5)]
+    table = np.array([sn.lte.sss(cell, subframe) for cell, subframe in ids])
+
+    def run() -> int:
+        _, root, lag = pss_bank_scipy(half_frame, 7.5e3, 5.0625e3)
+        return ids[sss_ranking_numpy(half_frame, lag, root, 3e3, table)][0]
+
+    assert benchmark(run) == 277
+
+
 def subframe_toa_numpy(iq: Iq, cell_id: int) -> float:
     """CRS estimate of both ports and maximum-likelihood delay of a 100-block subframe at 30.72 Msps."""
     channel = np.zeros((2, 400), np.complex128)
@@ -69,7 +104,8 @@ def subframe_toa_numpy(iq: Iq, cell_id: int) -> float:
             for port in range(2):
                 values, subcarriers = sn.lte.crs(cell_id, slot, symbol, port=port, n_rb=100)
                 centred = subcarriers - 600
-                channel[port, subcarriers // 3] += spectrum[np.where(centred < 0, centred, centred + 1)] * values.conj() / 2
+                received = spectrum[np.where(centred < 0, centred, centred + 1)]
+                channel[port, subcarriers // 3] += received * values.conj() / 2
     centred = 3 * np.arange(400) + cell_id % 3 - 600
     frequencies = np.where(centred < 0, centred, centred + 1)
     power = np.sum(np.abs(scipy.fft.ifft(channel, 2048, axis=1)) ** 2, axis=0)

@@ -14,7 +14,7 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // P(|x| < r) for standard deviations `major` >= `minor` >= 0, major > 0. In the whitened plane the direction is
 // uniform and the length Rayleigh, so P = 1 - mean over the direction of exp(-r² / 2 s²), s² the variance along it
-// (doc/position_fix.md eq. 14). The integrand is smooth and of period pi, so equal steps converge faster than any power
+// (doc/position_fix.md eq. 15). The integrand is smooth and of period pi, so equal steps converge faster than any power
 // of their number. Where the ellipse is thin or the circle small it changes fast about the short axis; the variable
 // phi, tan(direction) = k tan(phi), spreads it out and keeps the period.
 double probability_of_axes(double major, double minor, double radius) {

@@ -142,19 +142,55 @@ Fit read_result(const MultiStartResult<State, kMaxRows>& result) {
   return fit;
 }
 
-// Whether the nodes lie on one line (planar) or in one plane (spatial), to 2 % of their spread.
-bool in_line(const Data& data, const Indices& nodes, bool planar) {
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const std::size_t i : nodes) mean += data.position[i] / static_cast<double>(nodes.size());
+// The line (planar) or plane (spatial) nearest to the nodes.
+struct Sheet {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double thickness = 0.0;  // spread across it over the largest spread along it
+};
+
+Sheet normal_of(const Data& data, const Indices& nodes, bool planar) {
+  Sheet sheet;
+  for (const std::size_t i : nodes) sheet.centre += data.position[i] / static_cast<double>(nodes.size());
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   for (const std::size_t i : nodes) {
-    Eigen::Vector3d d = data.position[i] - mean;
+    Eigen::Vector3d d = data.position[i] - sheet.centre;
     if (planar) d[2] = 0.0;
     scatter += d * d.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter, Eigen::EigenvaluesOnly);
-  constexpr double kThin = 0.02 * 0.02;
-  return eigen.eigenvalues()[planar ? 1 : 0] <= kThin * eigen.eigenvalues()[2];
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
+  // In a plane the smallest eigenvalue is that of the vertical, by construction.
+  if (planar) {
+    const Eigen::Vector3d along = eigen.eigenvectors().col(2);
+    sheet.normal = Eigen::Vector3d(-along[1], along[0], 0.0).normalized();
+  } else {
+    sheet.normal = eigen.eigenvectors().col(0);
+  }
+  const double across = std::max(eigen.eigenvalues()[planar ? 1 : 0], 0.0);
+  sheet.thickness = eigen.eigenvalues()[2] > 0.0 ? std::sqrt(across / eigen.eigenvalues()[2]) : 0.0;
+  return sheet;
+}
+
+// Whether they lie in it, to 2 % of their spread.
+bool in_line(const Data& data, const Indices& nodes, bool planar) {
+  constexpr double kThin = 0.02;
+  return normal_of(data, nodes, planar).thickness <= kThin;
+}
+
+// A position's coordinate along a direction.
+struct OnSheet {
+  static constexpr int kDim = 1;
+  Eigen::Vector3d normal;
+  template <class X, class Y>
+  [[nodiscard]] bool predict(const X& x, Y& y) const {
+    y.value(0) = normal.dot(x(kPosition));
+    if constexpr (Y::kJacobian) y.jacobian(kPosition) = normal.transpose();
+    return true;
+  }
+};
+
+bool is_solution(const Fit& fit) {
+  return fit.status == SolveStatus::kConverged || fit.status == SolveStatus::kAmbiguous;
 }
 
 struct Solver {
@@ -222,8 +258,48 @@ struct Solver {
     }
     choose(result);
     Fit fit = read_result(result);
-    if (fit.status == SolveStatus::kConverged || fit.status == SolveStatus::kAmbiguous) refuse_weak(fit, positions);
+    if (is_solution(fit)) {
+      refuse_weak(fit, positions);
+      if (is_solution(fit) && crosses_plane<State>(nodes, result.best, solver_options, ambiguity, group)) {
+        fit.status = SolveStatus::kRankDeficient;
+        fit.unobservable.setZero(4, 1);
+        fit.unobservable.col(0).head<3>() = normal_of(data, nodes, height.has_value()).normal;
+      }
+    } else if (fit.status == SolveStatus::kNotConverged && fit.covariance.allFinite() &&
+               fit.chi_square <= chi_square_upper_quantile(options.false_alarm_probability, std::max(dof, 1))) {
+      // The data are explained and yet there is no minimum: the sum of squares is flat, and flattest along this.
+      fit.status = SolveStatus::kRankDeficient;
+      fit.unobservable = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(fit.covariance).eigenvectors().rightCols<1>();
+    }
     return fit;
+  }
+
+  // Whether the data allow the whole way from the fit to the line or plane the nodes nearly lie in. Between a position
+  // and its mirror image the sum of squares has a ridge there, a quarter as high as the fit's own covariance has it
+  // (doc/position_fix.md eq. 14). Where noise drowns the ridge, that covariance says nothing.
+  template <class State>
+  [[nodiscard]] bool crosses_plane(const Indices& nodes, const LeastSquaresResult<State, kMaxRows>& best,
+                                   const LeastSquaresOptions& solver_options, double gate,
+                                   std::span<const Observed<Model>> group) const {
+    const Sheet sheet = normal_of(data, nodes, height.has_value());
+    constexpr double kThick = 0.3;
+    if (sheet.thickness > kThick) return false;
+    const Eigen::Vector3d position = best.state(kPosition);
+    const double distance = sheet.normal.dot(position - sheet.centre);
+    typename State::Tangent along = State::Tangent::Zero();
+    constexpr auto kPlaces = places<State>();
+    for (std::size_t i = 0; i < kPlaces.size(); ++i) {
+      if (kPlaces[i] < 3) along[static_cast<Eigen::Index>(i)] = sheet.normal[kPlaces[i]];
+    }
+    const double variance = along.dot(best.covariance * along);
+    const double expected = distance * distance / variance;
+    constexpr double kHeld = 1e-4;  // variance of the constraint [m²]
+    const Observed<OnSheet> constraint({sheet.normal}, sheet.normal.dot(sheet.centre), kHeld);
+    const auto held = solve<kMaxRows + 1>(best.state.retract(-distance * along), solver_options, group, constraint);
+    if (held.status != SolveStatus::kConverged) return false;
+    const double off = held.residuals[held.residuals.size() - 1];
+    const double ridge = held.chi_square - off * off / kHeld - best.chi_square;
+    return ridge <= gate && ridge < 0.5 * expected;
   }
 
   // Among positions that fit equally: the hinted one, else the better fit, else the nearest to the nodes, else the
@@ -268,10 +344,6 @@ struct Outcome {
   std::array<double, kMaxNodes> rejected_gate{};
   double gate_sigmas = PositionFix::kNan;
 };
-
-bool is_solution(const Fit& fit) {
-  return fit.status == SolveStatus::kConverged || fit.status == SolveStatus::kAmbiguous;
-}
 
 // Residual of a node left out of the fit, and its gate: k times the standard deviation of the prediction and the node.
 void predict_rejected(const Data& data, std::size_t node, const Fit& fit, double k, double& residual, double& gate) {
@@ -555,7 +627,10 @@ std::string outcome_text(const PositionFix& fix) {
              (fix.dimensions == 3 && n == 3 ? " (3 suffice when the receiver's height is stated)" : "");
     case FixStatus::kRankDeficient:
       return "the nodes do not determine " + join(fix.unobservable()) +
-             (fix.nodes_in_line ? (fix.dimensions == 2 ? ": they lie on one line" : ": they lie in one plane") : "");
+             (fix.nodes_in_line ? (fix.dimensions == 2 ? ": they lie on one line" : ": they lie in one plane") : "") +
+             (fix.dimensions == 3 && fix.used_count() >= 3
+                  ? "; two dimensions may be had by stating the receiver's height"
+                  : "");
     case FixStatus::kAmbiguous: {
       std::string text = place(fix.position_m, fix.dimensions);
       for (Eigen::Index i = 0; i < fix.alternatives_m.cols(); ++i)

@@ -46,6 +46,8 @@ def _sentences(command: Callable[_P, None]) -> Callable[_P, None]:
             command(*args, **kwargs)
         except (ValueError, MissingExtraError) as error:
             raise _Refusal(str(error)) from error
+        except MemoryError as error:
+            raise _Refusal("the capture does not fit in memory") from error
         except OSError as error:
             path = "" if error.filename is None else f"{error.filename}: "
             raise _Refusal(f"{path}{error.strerror.lower()}" if error.strerror else str(error)) from error
@@ -114,6 +116,8 @@ def scan(
     """
     from soopnav_cpp.cli import scan as work
 
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise ValueError(f"{plot}: a name that ends in .png expected")
     with progress() as step:
         result = work.scan(capture, rate_hz=rate_hz, sample_format=sample_format, max_cfo_hz=max_cfo_hz, step=step)
         if plot is not None:

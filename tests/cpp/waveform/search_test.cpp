@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "soopnav/waveform/lte/time_of_arrival.hpp"
 #include "waveform/lte_scene.hpp"
 
 namespace soopnav::lte {
@@ -158,6 +159,32 @@ TEST(Search, SfnOfTheFirstFrameAcrossTheCountersEnd) {
     cell.start_sfn = sfn;
     ASSERT_EQ(searcher.search(capture(cell, kBaseRateHz, 60e-3, 10.0, 9)), SearchStatus::kOk);
     expect_only(searcher, cell);
+  }
+}
+
+// Frames of a slow cell are longer than 10 ms: the first start may lie beyond, and counts modulo 10 ms.
+TEST(Search, FrameStartNextToTheWrapWithClockError) {
+  RandomStream random(12);
+  Searcher searcher({.max_cfo_hz = 3e3});
+  for (const double ppm : {-50.0, 50.0}) {
+    for (const double delay_s : {-0.3e-6, -0.05e-6, 0.05e-6, 0.3e-6}) {
+      SCOPED_TRACE(delay_s);
+      CellParameters cell = random_cell(random);
+      cell.clock_error_ppm = ppm;
+      cell.delay_s = delay_s;
+      const auto iq = capture(cell, kBaseRateHz, 60e-3, 30.0, 13);
+      ASSERT_EQ(searcher.search(iq), SearchStatus::kOk);
+      ASSERT_EQ(searcher.detections().size(), 1U);
+      const Detection& d = searcher.detections().front();
+      EXPECT_GE(d.frame_start_s, 0.0);
+      EXPECT_LT(d.frame_start_s, kFrameS);
+      EXPECT_LT(std::abs(wrapped_s(d.frame_start_s - delay_s)), 0.6e-6);  // 50 ppm of a frame, and noise
+      ToaEstimator estimator(kBaseRateHz);
+      TimeOfArrival toa;
+      ASSERT_EQ(estimator.estimate(iq, d, toa), ToaStatus::kOk);
+      EXPECT_GE(toa.toa_s.front(), 0.0);
+      EXPECT_LT(toa.toa_s.front(), kFrameS);
+    }
   }
 }
 

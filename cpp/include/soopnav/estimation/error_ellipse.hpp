@@ -23,7 +23,7 @@ struct ErrorEllipse {
                                                         double probability) noexcept;
 
 /// Probability that a centred Gaussian error of 2 x 2 `covariance_m2` [m²] ends within `radius_m` of the origin.
-/// Exact (doc/position_fix.md eq. 14), absolute error below 1e-12. NaN where `error_ellipse` gives nothing, and for a
+/// Exact (doc/position_fix.md eq. 15), absolute error below 1e-12. NaN where `error_ellipse` gives nothing, and for a
 /// negative radius. No allocation.
 [[nodiscard]] double probability_within(const Eigen::Matrix2d& covariance_m2, double radius_m) noexcept;
 

@@ -164,6 +164,12 @@ bool Searcher::Impl::accept(const ConfirmedCell& cell) {
   const double whole = std::floor(state.frame_start / frame_samples);  // frames between the state's and the first one
   if (state_sfn) d.sfn = (((*state_sfn - static_cast<int>(whole)) % 1024) + 1024) % 1024;
   d.frame_start_s = (state.frame_start - whole * frame_samples) / kBaseRateHz;
+  if (d.frame_start_s >= kFrameS) {
+    // A slow cell's frames are longer than 10 ms. The one before has begun less than that excess before the capture:
+    // it counts as the first, its start as modulo 10 ms.
+    d.frame_start_s -= kFrameS;
+    if (d.sfn) d.sfn = (*d.sfn + 1023) % 1024;
+  }
   d.cfo_hz = state.frequency * kBaseRateHz;
   d.cfo_sigma_hz = link.frequency_sigma() * kBaseRateHz;
   d.clock_error_ppm = -state.drift / (1.0 + state.drift) * 1e6;

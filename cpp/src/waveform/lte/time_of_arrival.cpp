@@ -229,10 +229,10 @@ struct SubframeToaEstimator::Impl {
 SubframeToaEstimator::SubframeToaEstimator(double sample_rate_hz, const Detection& cell) {
   require_rate(sample_rate_hz);
   if (!is_cell(cell)) {
-    throw std::invalid_argument("cell: identity " + std::to_string(cell.cell_id) + ", " +
-                                std::to_string(cell.n_rb.value_or(6)) + " blocks, " +
-                                std::to_string(cell.n_ports.value_or(1)) +
-                                " ports; identity 0 ... 503, 6, 15, 25, 50, 75 or 100 blocks, 1, 2 or 4 ports expected");
+    throw std::invalid_argument(
+        "cell: identity " + std::to_string(cell.cell_id) + ", " + std::to_string(cell.n_rb.value_or(6)) + " blocks, " +
+        std::to_string(cell.n_ports.value_or(1)) +
+        " ports; identity 0 ... 503, 6, 15, 25, 50, 75 or 100 blocks, 1, 2 or 4 ports expected");
   }
   const double multiple = sample_rate_hz / kBaseRateHz;
   if (std::abs(multiple - std::round(multiple)) > 1e-9) {

@@ -17,7 +17,8 @@ struct Path {
 
 /// Times of arrival of one cell, a value per radio frame.
 struct TimeOfArrival {
-  std::vector<double> toa_s;    ///< first path: start of frame i minus i * 10 ms, from the capture's first sample
+  std::vector<double> toa_s;    ///< first path: start of frame i minus i * 10 ms, from the capture's first sample;
+                                ///< the first is in 0 <= ... < 10 ms, the others follow without a jump
   std::vector<double> sigma_s;  ///< standard deviation of each; what the frames share (the first path's place) included
   std::vector<int> frame_index;         ///< frames after the one that starts at Detection::frame_start_s
   double cfo_hz = 0.0;                  ///< carrier offset, refined over the capture

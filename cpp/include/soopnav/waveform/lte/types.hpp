@@ -67,7 +67,7 @@ struct Detection {
   std::optional<int> sfn;      ///< system frame number of the frame at `frame_start_s`, when decoded
   CyclicPrefix cp = CyclicPrefix::kNormal;
   Duplex duplex = Duplex::kFdd;
-  double frame_start_s = 0.0;  ///< start (cyclic prefix included) of the first whole-numbered radio frame, 0 ... 10 ms
+  double frame_start_s = 0.0;  ///< start (cyclic prefix included) of the first radio frame, 0 <= ... < 10 ms
   double cfo_hz = 0.0;
   double cfo_sigma_hz = 0.0;
   double clock_error_ppm = 0.0;
