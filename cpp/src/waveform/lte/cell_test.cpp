@@ -234,7 +234,8 @@ void CellTest::rank(IqSpan iq) {
   // Two channel estimates: the half-frame's own (a few subcarriers wide) and the coherent one of the whole capture.
   const auto& table = sss_[static_cast<std::size_t>(n_id_2_)];
   std::array<Cf32, kSyncSubcarriers> own;
-  for (int kind = 0; kind < 2; ++kind) {
+  const int kinds = half_frames_ > 1 ? 2 : 1;  // of one half-frame they are the same
+  for (int kind = 0; kind < kinds; ++kind) {
     for (int mode = 0; mode < kModes; ++mode) {
       std::array<std::array<float, kSyncSubcarriers>, 2> z{};
       double scale = 0.0;

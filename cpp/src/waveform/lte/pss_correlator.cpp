@@ -165,9 +165,9 @@ void PssCorrelator::peaks(int limit, std::vector<PssCandidate>& out) {
   for (std::size_t h = 0; h < shifts_.size(); ++h) {
     for (int root = 0; root < 3; ++root) {
       for (int slip = -slips; slip <= slips; ++slip) {
-        std::fill(combined_.begin(), combined_.end(), 0.0F);
-        for (int g = 0; g < groups; ++g) {
-          const double share = groups > 1 ? static_cast<double>(g) / (groups - 1) : 0.0;
+        std::copy_n(surface(0, static_cast<int>(h), root), lags, combined_.begin());
+        for (int g = 1; g < groups; ++g) {
+          const double share = static_cast<double>(g) / (groups - 1);
           const auto shift = static_cast<std::size_t>(((std::lround(2.0 * slip * share)) % lags_ + lags_) % lags_);
           const float* s = surface(g, static_cast<int>(h), root);
           kernels::add(s + shift, combined_.data(), lags - shift);
