@@ -16,7 +16,8 @@ PssCorrelator::PssCorrelator(const Options& options)
       inverse_(options.inverse_size, dsp::FftDirection::kInverse),
       half_(kForward / 4),  // +-480 kHz holds the 62 subcarriers and the first side lobes of their edges
       input_(kForward),
-      spectrum_(kForward),
+      spectra_(static_cast<std::size_t>(kGroup) * kForward),
+      spectrum_(spectra_.data()),
       product_(static_cast<std::size_t>(options.inverse_size)),
       correlation_(static_cast<std::size_t>(options.inverse_size)) {
   const double bin_hz = kBaseRateHz / kForward;
@@ -35,7 +36,7 @@ PssCorrelator::PssCorrelator(const Options& options)
     symbol.execute(bins.data(), input_.data());
     const float norm = 1.0F / std::sqrt(62.0F * kSearchFft);  // unit energy
     for (int n = 0; n < kSearchFft; ++n) input_[static_cast<std::size_t>(n)] *= norm;
-    forward_.execute(input_.data(), spectrum_.data());
+    forward_.execute(input_.data(), spectrum_);
     auto& reference = reference_[static_cast<std::size_t>(root)];
     reference.resize(static_cast<std::size_t>(2 * half_));
     for (int k = -half_; k < half_; ++k) {
@@ -43,9 +44,7 @@ PssCorrelator::PssCorrelator(const Options& options)
       reference[static_cast<std::size_t>(k + half_)] = std::conj(spectrum_[bin]) / static_cast<float>(kForward);
     }
   }
-  const auto groups = static_cast<std::size_t>((options.max_half_frames + kGroup - 1) / kGroup);
   const auto lags = static_cast<std::size_t>(lags_);
-  surfaces_.resize(groups * shifts_.size() * 3 * lags);
   energy_.resize(lags);
   combined_.resize(lags);
   group_energy_.resize(lags);
@@ -60,6 +59,7 @@ float* PssCorrelator::surface(int group, int hypothesis, int root) noexcept {
 
 void PssCorrelator::clear() noexcept {
   half_frames_ = 0;
+  pending_ = 0;
   std::fill(energy_.begin(), energy_.end(), 0.0F);
 }
 
@@ -68,36 +68,48 @@ void PssCorrelator::add(IqSpan iq, std::size_t first) {
   const std::size_t available = std::min<std::size_t>(kForward, iq.size() - first);
   std::copy_n(iq.data() + first, available, input_.data());
   std::fill(input_.begin() + static_cast<std::ptrdiff_t>(available), input_.end(), Cf32{});
-  forward_.execute(input_.data(), spectrum_.data());
+  spectrum_ = spectra_.data() + static_cast<std::size_t>(half_frames_ % kGroup) * kForward;
+  forward_.execute(input_.data(), spectrum_);
   add_energy();
-
-  const int group = half_frames_ / kGroup;
-  const auto lags = static_cast<std::size_t>(lags_);
-  if (half_frames_ % kGroup == 0) {
-    float* start = surface(group, 0, 0);
-    std::fill(start, start + shifts_.size() * 3 * lags, 0.0F);
-  }
   ++half_frames_;
+  ++pending_;
+  if (pending_ == kGroup) correlate_group();
+}
+
+// Correlates the half-frames of a group that have been transformed, all of them for one hypothesis before the next: the
+// sum then stays in the nearest cache.
+void PssCorrelator::correlate_group() {
+  if (pending_ == 0) return;
+  const int group = (half_frames_ - 1) / kGroup;
+  const auto lags = static_cast<std::size_t>(lags_);
   const auto negative = static_cast<std::size_t>(half_);
+  const std::size_t needed = static_cast<std::size_t>(group + 1) * shifts_.size() * 3 * lags;
+  if (surfaces_.size() < needed) surfaces_.resize(needed);  // grows with the longest capture, once
   for (std::size_t h = 0; h < shifts_.size(); ++h) {
     // Bins shift - half ... shift + half of the spectrum, which may wrap around its end.
     const int low = ((shifts_[h] - half_) % kForward + kForward) % kForward;
     for (int root = 0; root < 3; ++root) {
       const Cf32* reference = reference_[static_cast<std::size_t>(root)].data();
-      // Bins -half ... -1 go to the end of the inverse transform's input, 0 ... half-1 to its start.
-      const auto place = [&](std::size_t from, std::size_t count, Cf32* to) {
-        const std::size_t bin = (static_cast<std::size_t>(low) + from) % kForward;
-        const std::size_t head = std::min<std::size_t>(count, kForward - bin);
-        kernels::multiply(spectrum_.data() + bin, reference + from, to, head);
-        if (head < count) kernels::multiply(spectrum_.data(), reference + from + head, to + head, count - head);
-      };
-      place(0, negative, product_.data() + (product_.size() - negative));
-      place(negative, negative, product_.data());
-      std::fill(product_.begin() + half_, product_.end() - half_, Cf32{});
-      inverse_.execute(product_.data(), correlation_.data());
-      kernels::accumulate_power(correlation_.data(), surface(group, static_cast<int>(h), root), lags);
+      float* sum = surface(group, static_cast<int>(h), root);
+      std::fill(sum, sum + lags, 0.0F);
+      for (int n = 0; n < pending_; ++n) {
+        const Cf32* spectrum = spectra_.data() + static_cast<std::size_t>(n) * kForward;
+        // Bins -half ... -1 go to the end of the inverse transform's input, 0 ... half-1 to its start.
+        const auto place = [&](std::size_t from, std::size_t count, Cf32* to) {
+          const std::size_t bin = (static_cast<std::size_t>(low) + from) % kForward;
+          const std::size_t head = std::min<std::size_t>(count, kForward - bin);
+          kernels::multiply(spectrum + bin, reference + from, to, head);
+          if (head < count) kernels::multiply(spectrum, reference + from + head, to + head, count - head);
+        };
+        place(0, negative, product_.data() + (product_.size() - negative));
+        place(negative, negative, product_.data());
+        std::fill(product_.begin() + half_, product_.end() - half_, Cf32{});
+        inverse_.execute(product_.data(), correlation_.data());
+        kernels::accumulate_power(correlation_.data(), sum, lags);
+      }
     }
   }
+  pending_ = 0;
 }
 
 // Energy under the template at every lag. Once strong cells are cancelled, their synchronisation symbols are quiet
@@ -110,8 +122,8 @@ void PssCorrelator::add_energy() {
     const std::size_t edge = static_cast<std::size_t>(half_) * 31 / 32;
     const auto wrap = static_cast<std::ptrdiff_t>(edge);
     std::fill(product_.begin(), product_.end(), Cf32{});
-    std::copy_n(spectrum_.begin(), edge, product_.begin());
-    std::copy_n(spectrum_.end() - wrap, edge, product_.end() - wrap);
+    std::copy_n(spectrum_, edge, product_.begin());
+    std::copy_n(spectrum_ + kForward - wrap, edge, product_.end() - wrap);
     inverse_.execute(product_.data(), correlation_.data());
     count = correlation_.size();
     per_lag = 1.0;
@@ -145,6 +157,7 @@ void PssCorrelator::offer(const PssCandidate& candidate, std::size_t limit, std:
 void PssCorrelator::peaks(int limit, std::vector<PssCandidate>& out) {
   out.clear();
   if (half_frames_ == 0 || limit < 1) return;
+  correlate_group();
   out.reserve(static_cast<std::size_t>(limit) + 2);
   const int groups = (half_frames_ + kGroup - 1) / kGroup;
   const auto lags = static_cast<std::size_t>(lags_);

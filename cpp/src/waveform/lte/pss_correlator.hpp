@@ -42,11 +42,10 @@ class PssCorrelator {
   void add(IqSpan iq, std::size_t first);
   [[nodiscard]] int half_frames() const noexcept { return half_frames_; }
 
-  /// The `limit` highest peaks, highest first.
+  /// The `limit` highest peaks, highest first. Ends the sum: `clear` comes before the next `add`.
   void peaks(int limit, std::vector<PssCandidate>& out);
 
-  /// Correlation power over lag of the hypothesis nearest to `cfo_hz` without drift, relative to its mean; 1.92 Msps /
-  /// ratio.
+  /// Lags of a half-frame.
   [[nodiscard]] int lags() const noexcept { return lags_; }
 
  private:
@@ -54,6 +53,7 @@ class PssCorrelator {
   static constexpr int kGroup = 4;  // half-frames whose drift is neglected: 20 ms
 
   void add_energy();
+  void correlate_group();
   [[nodiscard]] float* surface(int group, int hypothesis, int root) noexcept;
   void offer(const PssCandidate& candidate, std::size_t limit, std::vector<PssCandidate>& out) const;
 
@@ -65,7 +65,10 @@ class PssCorrelator {
   dsp::Fft forward_, inverse_;
   std::array<std::vector<Cf32>, 3> reference_;  // conj(PSS spectrum), bins -half_ ... half_-1
   int half_;
-  std::vector<Cf32> input_, spectrum_, product_, correlation_;
+  std::vector<Cf32> input_, spectra_;
+  Cf32* spectrum_;  // of the latest half-frame, in spectra_
+  std::vector<Cf32> product_, correlation_;
+  int pending_ = 0;  // half-frames transformed and not yet correlated
   std::vector<float> surfaces_, energy_, combined_, group_energy_;
   std::vector<double> prefix_;
 };
