@@ -271,6 +271,7 @@ def test_locate_names_what_it_does_not_use(city, tmp_path):
     assert "not in the nodes file: cell 42\n" in output
 
 
+NODES_3D = NODES.replace("[receiver]\nheight_m = 1.5\n", "")
 LOCATE_MISTAKES = {
     "too few nodes": (
         NODES.split("[[nodes]]\ncell_id = 42")[0],
@@ -286,6 +287,15 @@ LOCATE_MISTAKES = {
         re.sub(r"position_m = \[(\S+), \S+, 0.0\]", r"position_m = [\1, 50.0, 0.0]", NODES),
         "the nodes (cells 301, 115, 42 and 277) stand in one line, so that a position and its mirror image fit "
         "equally; a node off that line is needed",
+    ),
+    "collinear in three dimensions": (
+        re.sub(r"position_m = \[(\S+), \S+, 0.0\]\nantenna_height_m = \S+", r"position_m = [\1, 50.0, 20.0]", NODES_3D),
+        "the nodes (cells 301, 115, 42 and 277) stand in one line, around which every position fits equally; nodes off "
+        "that line are needed",
+    ),
+    "all in one place": (
+        re.sub(r"position_m = \[.*\]\nantenna_height_m = \S+", "position_m = [5.0, 50.0, 20.0]", NODES_3D),
+        "the nodes (cells 301, 115, 42 and 277) stand in one place; nodes around the receiver are needed",
     ),
 }
 
@@ -405,3 +415,7 @@ def test_numpy_is_all_that_importing_needs():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "(62,)\n"
+
+
+def test_scan_draws_only_into_png(city):
+    assert run("scan", city, "--plot", "city.svg", code=2).stderr == "city.svg: a name that ends in .png expected\n"

@@ -23,6 +23,8 @@ from soopnav_cpp.scenarios import Node, NodesFile, load_nodes
 
 __all__ = ["LocateError", "Located", "as_json", "locate", "print_result", "stem", "write_report"]
 
+_SAME_PLACE_M = 1e-3
+_LINE_SHARE = 1e-3  # of the widest spread: narrower than that is a line
 _RECENTRINGS = 3  # of the tangent plane on the solution; each takes its curvature error down a thousandfold
 
 
@@ -171,12 +173,22 @@ def _refuse(located: Located) -> None:
     hint = "; with [receiver] height_m three nodes are enough" if nodes.receiver.height_m is None else ""
     cells = text.listing([str(h.node.cell_id) for h in located.heard])
     reason = None
+    # Spread of the antennas along their principal axes, widest first.
+    spread_m = np.linalg.svd(located.antennas_m - located.antennas_m.mean(axis=0), compute_uv=False)
+    undetermined = fix.status in (FixStatus.RANK_DEFICIENT, FixStatus.NOT_CONVERGED)
     if fix.status is FixStatus.TOO_FEW_NODES:
         unknowns = 4 if nodes.receiver.height_m is None else 3
         usable = sum(use in (NodeUse.USED, NodeUse.REJECTED) for use in fix.use)
         reason = (
             f"{usable} usable node{'s' * (usable != 1)} (cell {cells}), fewer than the {unknowns} unknowns of a "
             f"position in {dimensions} and the receiver's clock{hint}"
+        )
+    elif spread_m[0] < _SAME_PLACE_M:
+        reason = f"the nodes (cells {cells}) stand in one place; nodes around the receiver are needed"
+    elif undetermined and nodes.receiver.height_m is None and spread_m[1] < _LINE_SHARE * spread_m[0]:
+        reason = (
+            f"the nodes (cells {cells}) stand in one line, around which every position fits equally; "
+            "nodes off that line are needed"
         )
     elif fix.nodes_in_line and nodes.receiver.height_m is not None:
         reason = (
