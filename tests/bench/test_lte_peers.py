@@ -141,14 +141,36 @@ def test_subframe_toa_numpy(benchmark: BenchmarkFixture, subframe: Iq) -> None:
     assert toa_s == pytest.approx(614 / 30.72e6 + 0.3e-6, abs=1e-9)
 
 
+@pytest.fixture(scope="module")
+def searchers() -> list[sn.lte.Searcher]:
+    return [sn.lte.Searcher(1.92e6, max_cfo_hz=150e3) for _ in range(2)]
+
+
 @pytest.mark.benchmark(group="two searches of 80 ms")
-def test_two_searches_in_turn(benchmark: BenchmarkFixture, capture: Iq) -> None:
-    found = benchmark(lambda: [sn.lte.search(capture, 1.92e6) for _ in range(2)])
+def test_two_searches_in_turn(benchmark: BenchmarkFixture, capture: Iq, searchers: list[sn.lte.Searcher]) -> None:
+    found = benchmark(lambda: [searcher.search(capture) for searcher in searchers])
     assert all(len(cells) == 1 for cells in found)
 
 
 @pytest.mark.benchmark(group="two searches of 80 ms")
-def test_two_searches_in_two_threads(benchmark: BenchmarkFixture, capture: Iq) -> None:
+def test_two_searches_in_two_threads(
+    benchmark: BenchmarkFixture, capture: Iq, searchers: list[sn.lte.Searcher]
+) -> None:
     with ThreadPoolExecutor(2) as pool:
-        found = benchmark(lambda: list(pool.map(lambda _: sn.lte.search(capture, 1.92e6), range(2))))
+        found = benchmark(lambda: list(pool.map(lambda searcher: searcher.search(capture), searchers)))
     assert all(len(cells) == 1 for cells in found)
+
+
+def resample_often(iq: Iq) -> int:
+    return sum(len(sn.dsp.resample(iq, 30.72e6, 1.92e6)) for _ in range(400))
+
+
+@pytest.mark.benchmark(group="two times 400 resamplings of a subframe")
+def test_two_resamplings_in_turn(benchmark: BenchmarkFixture, subframe: Iq) -> None:
+    benchmark(lambda: [resample_often(subframe) for _ in range(2)])
+
+
+@pytest.mark.benchmark(group="two times 400 resamplings of a subframe")
+def test_two_resamplings_in_two_threads(benchmark: BenchmarkFixture, subframe: Iq) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        benchmark(lambda: list(pool.map(lambda _: resample_often(subframe), range(2))))
