@@ -10,6 +10,15 @@
 #include "core/target_clones.hpp"
 #include "soopnav/core/constants.hpp"
 
+// The rounds of Philox are written out for wider vectors: compilers do not see that only half of a 64-bit product is
+// new. Whole numbers, so that the choice cannot show.
+#if !defined(SOOPNAV_NO_TARGET_CLONES) && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#include <immintrin.h>
+#define SOOPNAV_WIDE_PHILOX 1
+#else
+#define SOOPNAV_WIDE_PHILOX 0
+#endif
+
 namespace soopnav {
 namespace {
 
@@ -35,9 +44,6 @@ struct Source {
 
 constexpr std::size_t kBlocks = 32;
 using Lane32 = std::array<std::uint32_t, kBlocks>;
-struct Words {
-  std::array<Lane32, 4> w;
-};
 
 // Multipliers and Weyl constants of Philox 4x32 (Salmon et al., section 4); the tests hold the lanes against Random123.
 constexpr std::uint32_t kMultiplier0 = 0xD2511F53U;
@@ -45,11 +51,14 @@ constexpr std::uint32_t kMultiplier1 = 0xCD9E8D57U;
 constexpr std::uint32_t kWeyl0 = 0x9E3779B9U;
 constexpr std::uint32_t kWeyl1 = 0xBB67AE85U;
 
-inline void philox_batch(Source source, std::uint64_t first_index, Words& words) {
-  Lane32& a = words.w[0];
-  Lane32& b = words.w[1];
-  Lane32& c = words.w[2];
-  Lane32& d = words.w[3];
+// The 64-bit draws of kBlocks blocks in the order of their positions: words 0 and 1 of a block, then words 2 and 3.
+using Draws = std::array<std::uint64_t, 2 * kBlocks>;
+
+void philox_portable(Source source, std::uint64_t first_index, Draws& out) {
+  Lane32 a;
+  Lane32 b;
+  Lane32 c;
+  Lane32 d;
   for (std::size_t i = 0; i < kBlocks; ++i) {
     const std::uint64_t index = first_index + i;
     a[i] = low_word(index);
@@ -71,6 +80,118 @@ inline void philox_batch(Source source, std::uint64_t first_index, Words& words)
     key0 += kWeyl0;
     key1 += kWeyl1;
   }
+  for (std::size_t i = 0; i < kBlocks; ++i) {
+    out[2 * i] = join(a[i], b[i]);
+    out[2 * i + 1] = join(c[i], d[i]);
+  }
+}
+
+#if SOOPNAV_WIDE_PHILOX
+// One block in each 64-bit lane, a word in its lower half. The multiplication reads lower halves only, so what the
+// upper ones gather does not matter until the end. Several vectors at a time, as each round waits for its products.
+
+[[gnu::target("avx2")]] void philox_avx2(Source source, std::uint64_t first_index, Draws& out) {
+  constexpr std::size_t kVectors = 4;
+  const __m256i multiplier0 = _mm256_set1_epi64x(kMultiplier0);
+  const __m256i multiplier1 = _mm256_set1_epi64x(kMultiplier1);
+  for (std::size_t first = 0; first < kBlocks; first += 4 * kVectors) {
+    __m256i a[kVectors];
+    __m256i b[kVectors];
+    __m256i c[kVectors];
+    __m256i d[kVectors];
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      const std::uint64_t index = first_index + first + 4 * v;
+      a[v] = _mm256_add_epi64(_mm256_set1_epi64x(static_cast<std::int64_t>(index)), _mm256_setr_epi64x(0, 1, 2, 3));
+      b[v] = _mm256_srli_epi64(a[v], 32);
+      c[v] = _mm256_set1_epi64x(low_word(source.stream));
+      d[v] = _mm256_set1_epi64x(high_word(source.stream));
+    }
+    std::uint32_t key0 = low_word(source.key);
+    std::uint32_t key1 = high_word(source.key);
+    for (int round = 0; round < 10; ++round) {
+      const __m256i k0 = _mm256_set1_epi64x(key0);
+      const __m256i k1 = _mm256_set1_epi64x(key1);
+      for (std::size_t v = 0; v < kVectors; ++v) {
+        const __m256i p = _mm256_mul_epu32(a[v], multiplier0);
+        const __m256i q = _mm256_mul_epu32(c[v], multiplier1);
+        a[v] = _mm256_xor_si256(_mm256_xor_si256(_mm256_srli_epi64(q, 32), b[v]), k0);
+        c[v] = _mm256_xor_si256(_mm256_xor_si256(_mm256_srli_epi64(p, 32), d[v]), k1);
+        b[v] = q;
+        d[v] = p;
+      }
+      key0 += kWeyl0;
+      key1 += kWeyl1;
+    }
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      const __m256i x = _mm256_blend_epi32(a[v], _mm256_slli_epi64(b[v], 32), 0xAA);
+      const __m256i y = _mm256_blend_epi32(c[v], _mm256_slli_epi64(d[v], 32), 0xAA);
+      const __m256i even = _mm256_unpacklo_epi64(x, y);
+      const __m256i odd = _mm256_unpackhi_epi64(x, y);
+      auto* to = reinterpret_cast<__m256i*>(out.data() + 2 * (first + 4 * v));
+      _mm256_storeu_si256(to, _mm256_permute2x128_si256(even, odd, 0x20));
+      _mm256_storeu_si256(to + 1, _mm256_permute2x128_si256(even, odd, 0x31));
+    }
+  }
+}
+
+[[gnu::target("avx512f")]] void philox_avx512(Source source, std::uint64_t first_index, Draws& out) {
+  constexpr std::size_t kVectors = 4;
+  static_assert(kBlocks == 8 * kVectors);
+  constexpr __mmask8 kAll = 0xFF;  // GCC 12 warns of the unmasked forms' own operands
+  const __m512i multiplier0 = _mm512_set1_epi64(kMultiplier0);
+  const __m512i multiplier1 = _mm512_set1_epi64(kMultiplier1);
+  __m512i a[kVectors];
+  __m512i b[kVectors];
+  __m512i c[kVectors];
+  __m512i d[kVectors];
+  for (std::size_t v = 0; v < kVectors; ++v) {
+    a[v] = _mm512_add_epi64(_mm512_set1_epi64(static_cast<std::int64_t>(first_index + 8 * v)),
+                            _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7));
+    b[v] = _mm512_maskz_srli_epi64(kAll, a[v], 32);
+    c[v] = _mm512_set1_epi64(low_word(source.stream));
+    d[v] = _mm512_set1_epi64(high_word(source.stream));
+  }
+  std::uint32_t key0 = low_word(source.key);
+  std::uint32_t key1 = high_word(source.key);
+  for (int round = 0; round < 10; ++round) {
+    const __m512i k0 = _mm512_set1_epi64(key0);
+    const __m512i k1 = _mm512_set1_epi64(key1);
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      constexpr int kXorOfThree = 0x96;
+      const __m512i p = _mm512_maskz_mul_epu32(kAll, a[v], multiplier0);
+      const __m512i q = _mm512_maskz_mul_epu32(kAll, c[v], multiplier1);
+      a[v] = _mm512_ternarylogic_epi64(_mm512_maskz_srli_epi64(kAll, q, 32), b[v], k0, kXorOfThree);
+      c[v] = _mm512_ternarylogic_epi64(_mm512_maskz_srli_epi64(kAll, p, 32), d[v], k1, kXorOfThree);
+      b[v] = q;
+      d[v] = p;
+    }
+    key0 += kWeyl0;
+    key1 += kWeyl1;
+  }
+  const __m512i first_four = _mm512_setr_epi64(0, 8, 1, 9, 2, 10, 3, 11);
+  const __m512i last_four = _mm512_setr_epi64(4, 12, 5, 13, 6, 14, 7, 15);
+  for (std::size_t v = 0; v < kVectors; ++v) {
+    const __m512i x = _mm512_mask_blend_epi32(0xAAAA, a[v], _mm512_maskz_slli_epi64(kAll, b[v], 32));
+    const __m512i y = _mm512_mask_blend_epi32(0xAAAA, c[v], _mm512_maskz_slli_epi64(kAll, d[v], 32));
+    std::uint64_t* to = out.data() + 16 * v;
+    _mm512_storeu_si512(to, _mm512_permutex2var_epi64(x, first_four, y));
+    _mm512_storeu_si512(to + 8, _mm512_permutex2var_epi64(x, last_four, y));
+  }
+}
+#endif
+
+void philox_batch(Source source, std::uint64_t first_index, Draws& out) {
+#if SOOPNAV_WIDE_PHILOX
+  if (__builtin_cpu_supports("avx512f")) {
+    philox_avx512(source, first_index, out);
+    return;
+  }
+  if (__builtin_cpu_supports("avx2")) {
+    philox_avx2(source, first_index, out);
+    return;
+  }
+#endif
+  philox_portable(source, first_index, out);
 }
 
 // Coefficients of the series, highest power first for Horner.
@@ -178,66 +299,66 @@ inline Pair32 box_muller(std::uint32_t radius_bits, std::uint32_t angle_bits) {
 
 // Draws of one batch, in the order of their positions.
 
-SOOPNAV_TARGET_CLONES
 void batch_u64(Source source, std::uint64_t first_index, std::uint64_t* out) {
-  Words words;
-  philox_batch(source, first_index, words);
-  for (std::size_t i = 0; i < kBlocks; ++i) {
-    out[2 * i] = join(words.w[0][i], words.w[1][i]);
-    out[2 * i + 1] = join(words.w[2][i], words.w[3][i]);
-  }
+  Draws draws;
+  philox_batch(source, first_index, draws);
+  std::copy(draws.begin(), draws.end(), out);
 }
 
-SOOPNAV_TARGET_CLONES
 void batch_u32(Source source, std::uint64_t first_index, std::uint32_t* out) {
-  Words words;
-  philox_batch(source, first_index, words);
-  for (std::size_t i = 0; i < kBlocks; ++i) {
-    for (std::size_t j = 0; j < 4; ++j) out[4 * i + j] = words.w[j][i];
+  Draws draws;
+  philox_batch(source, first_index, draws);
+  for (std::size_t i = 0; i < draws.size(); ++i) {
+    out[2 * i] = low_word(draws[i]);
+    out[2 * i + 1] = high_word(draws[i]);
   }
 }
 
 SOOPNAV_TARGET_CLONES
-void batch_uniform(Source source, std::uint64_t first_index, double* out) {
+void uniforms(const Draws& bits, double* out) {
   constexpr std::uint64_t kOne = 0x3FF0000000000000U;
-  std::array<std::uint64_t, 2 * kBlocks> bits;
-  Words words;
-  philox_batch(source, first_index, words);
-  for (std::size_t i = 0; i < kBlocks; ++i) {
-    bits[2 * i] = join(words.w[0][i], words.w[1][i]);
-    bits[2 * i + 1] = join(words.w[2][i], words.w[3][i]);
-  }
   // The top 53 bits: 52 as the mantissa of a number in [1, 2), the last as 0 or 2^-53.
-  for (std::size_t i = 0; i < 2 * kBlocks; ++i) {
+  for (std::size_t i = 0; i < bits.size(); ++i) {
     const std::uint64_t last = std::uint64_t{0} - ((bits[i] >> 11) & 1U);
     const double half_step = std::bit_cast<double>(last & std::bit_cast<std::uint64_t>(0x1p-53));
     out[i] = (std::bit_cast<double>(kOne | (bits[i] >> 12)) - 1.0) + half_step;
   }
 }
 
-SOOPNAV_TARGET_CLONES
+void batch_uniform(Source source, std::uint64_t first_index, double* out) {
+  Draws bits;
+  philox_batch(source, first_index, bits);
+  uniforms(bits, out);
+}
+
+SOOPNAV_TARGET_CLONES_WIDE
+void normals(const Draws& bits, double* out) {
+  for (std::size_t i = 0; i < bits.size(); i += 2) {
+    const Pair64 pair = box_muller(bits[i], bits[i + 1]);
+    out[i] = pair.x;
+    out[i + 1] = pair.y;
+  }
+}
+
 void batch_normal(Source source, std::uint64_t first_index, double* out) {
-  Words words;
-  philox_batch(source, first_index, words);
-  for (std::size_t i = 0; i < kBlocks; ++i) {
-    const Pair64 pair = box_muller(join(words.w[0][i], words.w[1][i]), join(words.w[2][i], words.w[3][i]));
+  Draws bits;
+  philox_batch(source, first_index, bits);
+  normals(bits, out);
+}
+
+SOOPNAV_TARGET_CLONES_WIDE
+void normals(const Draws& bits, float* out) {
+  for (std::size_t i = 0; i < bits.size(); ++i) {
+    const Pair32 pair = box_muller(low_word(bits[i]), high_word(bits[i]));
     out[2 * i] = pair.x;
     out[2 * i + 1] = pair.y;
   }
 }
 
-SOOPNAV_TARGET_CLONES
 void batch_normal_float(Source source, std::uint64_t first_index, float* out) {
-  Words words;
-  philox_batch(source, first_index, words);
-  for (std::size_t i = 0; i < kBlocks; ++i) {
-    const Pair32 first = box_muller(words.w[0][i], words.w[1][i]);
-    const Pair32 second = box_muller(words.w[2][i], words.w[3][i]);
-    out[4 * i] = first.x;
-    out[4 * i + 1] = first.y;
-    out[4 * i + 2] = second.x;
-    out[4 * i + 3] = second.y;
-  }
+  Draws bits;
+  philox_batch(source, first_index, bits);
+  normals(bits, out);
 }
 
 std::array<std::uint32_t, 4> one_block(Source source, Kind kind, std::uint64_t block) {
@@ -263,9 +384,17 @@ void for_each_run(Source source, Kind kind, std::uint64_t position, std::size_t 
 
 template <class T, std::size_t PerBlock, class Batch>
 void fill(Source source, Kind kind, std::uint64_t& position, std::span<T> out, Batch batch) {
-  for_each_run<T, PerBlock>(source, kind, position, out.size(), batch,
-                            [out](const T* draws, std::size_t at, std::size_t n) {
-                              std::copy_n(draws, n, out.begin() + static_cast<std::ptrdiff_t>(at));
+  // Whole batches go straight to where they belong.
+  constexpr std::size_t kDraws = PerBlock * kBlocks;
+  std::size_t whole = 0;
+  if (position % PerBlock == 0) {
+    for (; whole + kDraws <= out.size(); whole += kDraws) {
+      batch(source, block_index(kind, (position + whole) / PerBlock), out.data() + whole);
+    }
+  }
+  for_each_run<T, PerBlock>(source, kind, position + whole, out.size() - whole, batch,
+                            [rest = out.subspan(whole)](const T* draws, std::size_t at, std::size_t n) {
+                              std::copy_n(draws, n, rest.begin() + static_cast<std::ptrdiff_t>(at));
                             });
   position += out.size();
 }

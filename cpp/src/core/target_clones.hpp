@@ -16,3 +16,14 @@
 #define SOOPNAV_TARGET_CLONES
 #endif
 #endif
+
+/// As SOOPNAV_TARGET_CLONES with AVX-512 besides, for kernels of real arithmetic element by element: AVX-512 has fused
+/// multiply-adds, which -ffp-contract=off keeps out of everything but complex products.
+#ifndef SOOPNAV_TARGET_CLONES_WIDE
+#if !defined(SOOPNAV_NO_TARGET_CLONES) && defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && \
+    !defined(__clang__)
+#define SOOPNAV_TARGET_CLONES_WIDE __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define SOOPNAV_TARGET_CLONES_WIDE
+#endif
+#endif

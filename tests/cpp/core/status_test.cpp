@@ -16,7 +16,10 @@ TEST(UpdateStatus, EveryStatusHasAPhraseOfItsOwn) {
                               UpdateStatus::kNonFinite,
                               UpdateStatus::kNotPositiveDefinite,
                               UpdateStatus::kStaleHandle,
-                              UpdateStatus::kWrongTimeScale};
+                              UpdateStatus::kWrongTimeScale,
+                              UpdateStatus::kTimeNotAdvancing,
+                              UpdateStatus::kTooLate,
+                              UpdateStatus::kTooManyRows};
   for (const UpdateStatus status : all) {
     EXPECT_NE(to_string(status), "unknown");
     phrases.insert(to_string(status));

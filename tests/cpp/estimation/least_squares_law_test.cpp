@@ -34,6 +34,8 @@ Case make_case(std::uint64_t seed) {
   return c;
 }
 
+Eigen::Vector3d vector(const Known<3>& known) { return {known[0], known[1], known[2]}; }
+
 // Difference of two pseudoranges: no clock. Its noise is shared with the others' reference.
 struct Difference {
   using Frame = EnuFrame;
@@ -50,7 +52,7 @@ struct Difference {
 };
 
 TEST(SolveLaw, DifferencesWithTheirFullCovarianceEqualPseudorangesWithAClock) {
-  using Point = VectorState<EnuFrame, Role<3, PositionTag>>;
+  using Point = ComposedState<EnuFrame, Role<3, PositionTag>>;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const Case c = make_case(seed);
     const auto n = static_cast<Eigen::Index>(c.z.size()) - 1;
@@ -59,7 +61,7 @@ TEST(SolveLaw, DifferencesWithTheirFullCovarianceEqualPseudorangesWithAClock) {
     Eigen::MatrixXd R = Eigen::MatrixXd::Constant(n, n, c.z[0].R(0, 0));
     for (Eigen::Index i = 0; i < n; ++i) {
       const auto& o = c.z[static_cast<std::size_t>(i) + 1];
-      models.push_back({o.model.source_p, c.z[0].model.source_p});
+      models.push_back({vector(o.model.source_p), vector(c.z[0].model.source_p)});
       d[i] = o.z[0] - c.z[0].z[0];
       R(i, i) += o.R(0, 0);
     }
@@ -104,7 +106,7 @@ TEST(SolveLaw, RotationAndTranslationCarryOver) {
   const Eigen::Matrix3d turn = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix();
   const Eigen::Vector3d shift(400.0, -7.0, 30.0);
   Case moved = c;
-  for (auto& o : moved.z) o.model.source_p = turn * o.model.source_p + shift;
+  for (auto& o : moved.z) o.model.source_p = turn * vector(o.model.source_p) + shift;
   State start = c.truth;
   start.x.head<3>() = turn * c.truth.x.head<3>() + shift;
   const auto a = solve(c.truth, {}, c.z);

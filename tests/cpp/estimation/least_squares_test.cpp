@@ -151,7 +151,7 @@ TEST(Solve, DampsWhereGaussNewtonDiverges) {
        {Eigen::Vector3d(-400, 0, 0), Eigen::Vector3d(400, 0, 0), Eigen::Vector3d(0, 0, 600)}) {
     z.emplace_back(Range<EnuFrame>{q}, (p - q).norm(), 1.0);
   }
-  using PointState = VectorState<EnuFrame, Role<3, PositionTag>>;
+  using PointState = ComposedState<EnuFrame, Role<3, PositionTag>>;
   PointState start;
   start.x << 1.0, 1e-4, 3.0;
   const auto r = solve(start, {.max_iterations = 200}, z);
@@ -233,7 +233,7 @@ TEST(Solve, DataThatCannotBeUsedGivesAStatus) {
     z[1].R(0, 0) = bad;
     EXPECT_EQ(solve(truth, {}, z).status, SolveStatus::kNonFinite);
     z = observe(truth);
-    z[1].model.source_p[0] = bad;
+    z[1].model.source_p.value[0] = bad;
     EXPECT_EQ(solve(truth, {}, z).status, SolveStatus::kNonFinite);
     EXPECT_EQ(solve(make({bad, 0, 0}, 0.0), {}, observe(truth)).status, SolveStatus::kNonFinite);
   }

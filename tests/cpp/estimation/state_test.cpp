@@ -9,7 +9,7 @@ namespace soopnav {
 namespace {
 
 using Full =
-    VectorState<NedFrame, Role<3, PositionTag>, Role<3, VelocityTag>, Role<1, ClockBiasTag>, Role<1, ClockDriftTag>>;
+    ComposedState<NedFrame, Role<3, PositionTag>, Role<3, VelocityTag>, Role<1, ClockBiasTag>, Role<1, ClockDriftTag>>;
 using Plane = PlanarPositionClock<EnuFrame>;
 
 static_assert(FixedStateType<Full> && FixedStateType<Plane> && FixedStateType<PositionClock<EcefFrame>>);
@@ -18,7 +18,7 @@ static_assert(Full::kDim == 8 && Full::at(kPosition) == 0 && Full::at(kVelocity)
 static_assert(!HoldsRole<PositionClock<EnuFrame>, Role<3, VelocityTag>>);
 static_assert(!HoldsRole<Full, Role<1, HeadingTag>>);
 
-TEST(VectorState, RolesReadTheirSegments) {
+TEST(ComposedState, RolesReadTheirSegments) {
   Full state;
   state.x << 1, 2, 3, 4, 5, 6, 7, 8;
   EXPECT_EQ(state(kPosition), Eigen::Vector3d(1, 2, 3));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <concepts>
 #include <cstddef>
@@ -22,6 +23,8 @@ struct Role {
 struct PositionTag;
 struct VelocityTag;
 struct HeadingTag;
+struct TurnRateTag;
+struct AttitudeTag;
 struct ClockBiasTag;
 struct ClockDriftTag;
 
@@ -41,6 +44,13 @@ inline constexpr auto kPlanarVelocity = kVelocityOf<2>;  ///< velocity in a plan
 
 /// Heading of a planar state [rad]: from its first axis towards its second, wrapped to [-pi, pi) by the state.
 inline constexpr Role<1, HeadingTag> kHeading{};
+
+/// Turn rate of a planar state [rad/s]: the time derivative of `kHeading`, or of the direction of the velocity.
+inline constexpr Role<1, TurnRateTag> kTurnRate{};
+
+/// Attitude: the rotation from the body frame b to the state's Cartesian frame n. Its value is the unit quaternion
+/// q_n_b as four numbers w, x, y, z; its tangent is a rotation vector in the body frame [rad], q <- q * exp(d).
+inline constexpr Role<3, AttitudeTag> kAttitude{};
 
 /// Receiver clock bias, c * (receiver clock - system time) [m]; it lengthens every pseudorange.
 inline constexpr Role<1, ClockBiasTag> kClockBias{};
@@ -64,12 +74,23 @@ struct Block {
 
 /// A number where a model can also take a `Block`: known, so not estimated. Its Jacobian is dropped.
 ///
-/// `Known<1>{3.0}`, `Known<3>{1.0, 2.0, 3.0}`; zero by default. The unit is that of the parameter it stands for.
+/// `Known<1>{3.0}`, `Known<3>{1.0, 2.0, 3.0}`, or from an Eigen vector; zero by default. The unit is that of the
+/// parameter it stands for.
 template <int Dim>
 struct Known {
   static_assert(Dim >= 1, "a known has at least one component");
   static constexpr int kDim = Dim;
   std::array<double, static_cast<std::size_t>(Dim)> value{};
+
+  constexpr Known() = default;
+  template <std::convertible_to<double>... T>
+  requires(sizeof...(T) == Dim) constexpr Known(T... components)  // NOLINT(google-explicit-constructor): a number is
+      : value{static_cast<double>(components)...} {}              // known
+  template <class Derived>
+  Known(const Eigen::MatrixBase<Derived>& v) {  // NOLINT(google-explicit-constructor): so is a point
+    EIGEN_STATIC_ASSERT_VECTOR_SPECIFIC_SIZE(Derived, Dim)
+    for (int i = 0; i < Dim; ++i) value[static_cast<std::size_t>(i)] = v[i];
+  }
   [[nodiscard]] constexpr double operator[](int i) const noexcept { return value[static_cast<std::size_t>(i)]; }
   friend constexpr bool operator==(const Known&, const Known&) = default;
 };
@@ -126,6 +147,10 @@ struct DiscardedJacobian {
   constexpr DiscardedJacobian& operator()(int /*row*/) noexcept { return *this; }
   constexpr DiscardedJacobian& operator()(int /*row*/, int /*column*/) noexcept { return *this; }
   constexpr DiscardedJacobian& setZero() noexcept { return *this; }
+  template <int Rows>
+  constexpr DiscardedJacobian middleRows(int /*first*/) noexcept {
+    return {};
+  }
   constexpr DiscardedJacobian row(int /*row*/) noexcept { return {}; }
   constexpr DiscardedJacobian col(int /*column*/) noexcept { return {}; }
 };

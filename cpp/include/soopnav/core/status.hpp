@@ -14,6 +14,9 @@ enum class UpdateStatus : std::uint8_t {
   kNotPositiveDefinite,  ///< the covariance of the observation or of the innovation is not positive definite
   kStaleHandle,          ///< a handle names states that its layout does not hold (any more)
   kWrongTimeScale,       ///< the epoch is invalid or in another time scale than the state's
+  kTimeNotAdvancing,     ///< the time step is not a positive finite number, or the epoch is not after the state's
+  kTooLate,              ///< the observation is older than what the filter keeps for late ones
+  kTooManyRows,          ///< more rows at once than the filter was made for
 };
 
 /// A lower-case phrase for reports: "accepted", "gated", ...; "unknown" for a value that is no enumerator.
@@ -33,6 +36,12 @@ enum class UpdateStatus : std::uint8_t {
       return "stale handle";
     case UpdateStatus::kWrongTimeScale:
       return "wrong time scale";
+    case UpdateStatus::kTimeNotAdvancing:
+      return "time not advancing";
+    case UpdateStatus::kTooLate:
+      return "too late";
+    case UpdateStatus::kTooManyRows:
+      return "too many rows";
   }
   return "unknown";
 }

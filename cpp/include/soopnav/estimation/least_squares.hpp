@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "soopnav/estimation/dop.hpp"
+#include "soopnav/estimation/observed.hpp"
 #include "soopnav/estimation/prediction.hpp"
 #include "soopnav/estimation/state.hpp"
 
@@ -49,36 +50,6 @@ struct LeastSquaresOptions {
 
   /// Throws std::invalid_argument naming the option that breaks its rule.
   void check() const;
-};
-
-/// One measurement, independent of the others: `z = model(x) + noise`, noise of covariance `R` (units of z squared).
-template <class ModelType>
-struct Observed {
-  using Model = ModelType;
-  static constexpr int kDim = Model::kDim;
-  Model model;
-  Eigen::Matrix<double, kDim, 1> z;
-  Eigen::Matrix<double, kDim, kDim> R;
-
-  Observed() = default;
-  Observed(const Model& m, const Eigen::Matrix<double, kDim, 1>& value,
-           const Eigen::Matrix<double, kDim, kDim>& covariance)
-      : model(m), z(value), R(covariance) {}
-  Observed(const Model& m, double value, double variance) requires(kDim == 1) : model(m), z(value), R(variance) {}
-};
-
-template <class Model>
-Observed(const Model&, double, double) -> Observed<Model>;
-
-/// Measurements with a common covariance, for example differences to one reference.
-///
-/// `z` and `R` hold the rows of the models one behind the other; the memory stays the caller's.
-template <class ModelType>
-struct Correlated {
-  using Model = ModelType;
-  std::span<const Model> models;
-  Eigen::Ref<const Eigen::VectorXd> z;
-  Eigen::Ref<const Eigen::MatrixXd> R;
 };
 
 namespace detail {
@@ -157,7 +128,7 @@ bool write_rows(const Model& model, const Z& z, const State& x, int row, Stack<S
   Prediction<Model::kDim, State> y;
   const bool defined = model.predict(x, y);
   for (int i = 0; i < Model::kDim; ++i) {
-    stack.r[row + i] = z[i] - y.z[i];
+    stack.r[row + i] = residual(model, i, static_cast<double>(z[i]), y.z[i]);
     stack.H.row(row + i) = y.estimated().row(i);
   }
   return defined;

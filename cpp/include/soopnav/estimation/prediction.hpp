@@ -40,6 +40,30 @@ struct ValuePrediction {
   [[nodiscard]] Scalar& value(int i) noexcept { return z[static_cast<std::size_t>(i)]; }
 };
 
+namespace detail {
+
+/// z - h of one row: as the model says (angles wrap), else plainly.
+template <class Model, class T>
+[[nodiscard]] T residual(int row, const T& z, const T& predicted) {
+  if constexpr (requires { Model::residual(row, z, predicted); }) {
+    return Model::residual(row, z, predicted);
+  } else {
+    return z - predicted;
+  }
+}
+
+/// The same by a model's own object: its residual need not be static.
+template <class Model, class T>
+[[nodiscard]] T residual(const Model& model, int row, const T& z, const T& predicted) {
+  if constexpr (requires { model.residual(row, z, predicted); }) {
+    return model.residual(row, z, predicted);
+  } else {
+    return z - predicted;
+  }
+}
+
+}  // namespace detail
+
 /// A measurement model of `Model::kDim` rows that can be asked at `State`: `predict` writes value and Jacobian and
 /// answers false where they are undefined (a receiver on top of its source).
 template <class Model, class State>

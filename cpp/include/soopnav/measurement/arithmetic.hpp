@@ -1,24 +1,31 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <type_traits>
 
-namespace soopnav {
+#include "soopnav/core/arithmetic.hpp"
+#include "soopnav/core/role.hpp"
 
-/// The value of an expression: numbers as they are, Eigen expressions (the packets of a particle cloud) computed.
-///
-/// Models name their intermediate results with `const auto`; without this an Eigen expression would be computed again
-/// at each use, or outlive what it points to.
-template <class T>
-[[nodiscard]] auto eval(const T& value) {
-  if constexpr (std::is_arithmetic_v<T>) {
-    return value;
-  } else {
-    return value.eval();
-  }
-}
+namespace soopnav {
 
 /// Nearer to the source than this a direction is undefined [m].
 inline constexpr double kMinRangeM = 1e-6;
 
+/// Whether a state (or a packet of particles) has a part.
+template <class X, class Part>
+concept HoldsPart = requires(const X& x, const Part& part) {
+  x(part);
+};
+
+/// Whether a state can answer a model: it names the model's frame and has every part the model reads. What cannot does
+/// not compile, and this says why.
+template <class X, class Model, class... Parts>
+concept Provides = FrameCompatible<Model, X> &&(HoldsPart<X, Parts>&&...);
+
+namespace detail {
+
+// The frame a model has when only the size of its source is given.
+template <int Space>
+using FrameOfSpace = std::conditional_t<Space == 2, PlanarFrame, EcefFrame>;
+
+}  // namespace detail
 }  // namespace soopnav

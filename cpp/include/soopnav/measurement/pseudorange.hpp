@@ -1,52 +1,56 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
 
 #include "soopnav/core/role.hpp"
 #include "soopnav/measurement/arithmetic.hpp"
+#include "soopnav/measurement/line_of_sight.hpp"
 
 namespace soopnav {
 
 /// Pseudorange from a source: the time of arrival of its signal on the receiver's clock, times the speed of light.
 ///
-/// Model:   z = |p - q| + b - b_q                        (doc/position_fix.md eq. 1) [m]
+/// Model:   z = |p - q| + b - b_q                        (doc/measurement_models.md eq. 4; pesyna eq. 5) [m]
 /// Frames:  p receiver, q source, both in `FrameTag` [m]; a state in another frame does not compile.
 /// Signs:   b = c * (receiver clock - system time) lengthens it, b_q = c * (source clock - system time) shortens it: a
 ///          source that transmits t seconds late has b_q = -c * t.
-/// Roles:   position (three components; a planar state supplies its stated height), clock bias, and the source clock
-///          when `SourceClock` is a `Block<1>`.
+/// Roles:   the receiver's position (as many components as the source has; a planar state supplies its stated height)
+///          and clock bias, and the source's clock and position when they are a `Block` or a role rather than `Known`.
+/// Emitter: with `Receiver = Known<N>`, `ReceiverClock = Known<1>` it locates the source.
 /// Refused: `predict` with a Jacobian answers false within `kMinRangeM` of the source. No allocation.
-template <class FrameTag = EcefFrame, PartOf<1> SourceClock = Known<1>>
+template <class FrameTag = EcefFrame, PartOf<1> SourceClock = Known<1>, StatePart Source = Known<3>,
+          PartOf<1> ReceiverClock = Role<1, ClockBiasTag>,
+          PartOf<Source::kDim> Receiver = Role<Source::kDim, PositionTag>>
 struct Pseudorange {
+  static_assert(Source::kDim == 2 || Source::kDim == 3, "a source has two or three coordinates");
   using Frame = FrameTag;
   static constexpr int kDim = 1;
-  Eigen::Vector3d source_p = Eigen::Vector3d::Zero();  ///< q, the source's antenna [m]
-  SourceClock source_clock{};                          ///< b_q [m]
+  Source source_p{};               ///< q, the source's antenna [m]
+  SourceClock source_clock{};      ///< b_q [m]
+  ReceiverClock receiver_clock{};  ///< b [m]
+  Receiver receiver_p{};           ///< p [m]
 
   /// `x`: a state, or a packet of particles. `y`: with or without Jacobian.
   template <class X, class Y>
-  requires FrameCompatible<Pseudorange, X>
+  requires Provides<X, Pseudorange, Source, SourceClock, ReceiverClock, Receiver>
   [[nodiscard]] bool predict(const X& x, Y& y) const {
-    using std::sqrt;
-    const auto p = x(kPosition);
-    const auto dx = eval(p[0] - source_p[0]);
-    const auto dy = eval(p[1] - source_p[1]);
-    const auto dz = eval(p[2] - source_p[2]);
-    const auto range = eval(sqrt(dx * dx + dy * dy + dz * dz));
-    y.value(0) = range + x(kClockBias)[0] - x(source_clock)[0];
+    const auto line = line_of_sight<Source::kDim>(x(receiver_p), x(source_p));
+    y.value(0) = line.range + x(receiver_clock)[0] - x(source_clock)[0];
     if constexpr (Y::kJacobian) {
-      if (!(range > kMinRangeM)) return false;
-      y.jacobian(kPosition) << dx / range, dy / range, dz / range;
-      y.jacobian(kClockBias)(0) = 1.0;
-      y.jacobian(source_clock)(0) = -1.0;
+      if (!(line.range > kMinRangeM)) return false;
+      line.add_gradient(y.jacobian(receiver_p), y.jacobian(source_p));
+      y.jacobian(receiver_clock)(0) += 1.0;
+      y.jacobian(source_clock)(0) -= 1.0;
     }
     return true;
   }
 };
 
-Pseudorange(const Eigen::Vector3d&)->Pseudorange<>;
-template <PartOf<1> SourceClock>
-Pseudorange(const Eigen::Vector3d&, SourceClock) -> Pseudorange<EcefFrame, SourceClock>;
+template <class Derived>
+Pseudorange(const Eigen::MatrixBase<Derived>&)
+    -> Pseudorange<detail::FrameOfSpace<Derived::RowsAtCompileTime>, Known<1>, Known<Derived::RowsAtCompileTime>>;
+template <class Derived, PartOf<1> SourceClock>
+Pseudorange(const Eigen::MatrixBase<Derived>&, SourceClock)
+    -> Pseudorange<detail::FrameOfSpace<Derived::RowsAtCompileTime>, SourceClock, Known<Derived::RowsAtCompileTime>>;
 
 }  // namespace soopnav

@@ -1,44 +1,46 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
 
 #include "soopnav/core/role.hpp"
 #include "soopnav/measurement/arithmetic.hpp"
+#include "soopnav/measurement/line_of_sight.hpp"
 
 namespace soopnav {
 
 /// Distance to a point: two-way ranging, or one-way with synchronised clocks.
 ///
-/// Model:   z = |p - q|                                  (doc/position_fix.md eq. 1 without clocks) [m]
+/// Model:   z = |p - q|                                  (doc/measurement_models.md eq. 3; crosby eq. 3.8) [m]
 /// Frames:  p receiver, q source, both in `FrameTag` [m]; a state in another frame does not compile.
-/// Roles:   position (three components; a planar state supplies its stated height).
+/// Roles:   the receiver's position (as many components as the source has; a planar state supplies its stated height)
+///          and the source's when it is a `Block` or a role rather than `Known`.
+/// Emitter: `Receiver = Known<N>` and `Source` a role or block: a known receiver ranges to an unknown source.
 /// Refused: `predict` with a Jacobian answers false within `kMinRangeM` of the source. No allocation.
-template <class FrameTag = EcefFrame>
+template <class FrameTag = EcefFrame, StatePart Source = Known<3>,
+          PartOf<Source::kDim> Receiver = Role<Source::kDim, PositionTag>>
 struct Range {
+  static_assert(Source::kDim == 2 || Source::kDim == 3, "a source has two or three coordinates");
   using Frame = FrameTag;
   static constexpr int kDim = 1;
-  Eigen::Vector3d source_p = Eigen::Vector3d::Zero();  ///< q [m]
+  Source source_p{};      ///< q [m]
+  Receiver receiver_p{};  ///< p [m]
 
   /// `x`: a state, or a packet of particles. `y`: with or without Jacobian.
   template <class X, class Y>
-  requires FrameCompatible<Range, X>
+  requires Provides<X, Range, Source, Receiver>
   [[nodiscard]] bool predict(const X& x, Y& y) const {
-    using std::sqrt;
-    const auto p = x(kPosition);
-    const auto dx = eval(p[0] - source_p[0]);
-    const auto dy = eval(p[1] - source_p[1]);
-    const auto dz = eval(p[2] - source_p[2]);
-    const auto range = eval(sqrt(dx * dx + dy * dy + dz * dz));
-    y.value(0) = range;
+    const auto line = line_of_sight<Source::kDim>(x(receiver_p), x(source_p));
+    y.value(0) = line.range;
     if constexpr (Y::kJacobian) {
-      if (!(range > kMinRangeM)) return false;
-      y.jacobian(kPosition) << dx / range, dy / range, dz / range;
+      if (!(line.range > kMinRangeM)) return false;
+      line.add_gradient(y.jacobian(receiver_p), y.jacobian(source_p));
     }
     return true;
   }
 };
 
-Range(const Eigen::Vector3d&)->Range<>;
+template <class Derived>
+Range(const Eigen::MatrixBase<Derived>&)
+    -> Range<detail::FrameOfSpace<Derived::RowsAtCompileTime>, Known<Derived::RowsAtCompileTime>>;
 
 }  // namespace soopnav

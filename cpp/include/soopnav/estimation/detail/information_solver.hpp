@@ -1,0 +1,87 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <cmath>
+
+#include "soopnav/estimation/detail/symmetric_eigen.hpp"
+
+namespace soopnav::detail {
+
+/// An eigenvalue of an information matrix of unit diagonal below this, for each component, is rounding.
+inline constexpr double kInformationRankTolerance = 1e-14;
+/// A row lies in what is determined when its part outside is below this share of it.
+inline constexpr double kDeterminedTolerance = 1e-7;
+
+/// Solves with an information matrix Y = D C D that may be singular; C has a unit diagonal, or zeros where nothing is
+/// known. Cholesky where C is definite to rounding, otherwise the eigenvectors of C, solutions of least norm.
+template <int Dim>
+class InformationSolver {
+ public:
+  using Square = Eigen::Matrix<double, Dim, Dim>;
+  using Vector = Eigen::Matrix<double, Dim, 1>;
+
+  explicit InformationSolver(const Square& Y) noexcept {
+    for (int i = 0; i < Dim; ++i) scale_[i] = Y(i, i) > 0.0 ? 1.0 / std::sqrt(Y(i, i)) : 1.0;
+    const Square C = scale_.asDiagonal() * Y * scale_.asDiagonal();
+    llt_.compute(C);
+    definite_ = llt_.info() == Eigen::Success;
+    for (int i = 0; i < Dim && definite_; ++i) {
+      const double pivot = llt_.matrixLLT()(i, i);
+      definite_ = pivot * pivot > kInformationRankTolerance * Dim;
+    }
+    rank_ = Dim;
+    if (definite_) return;
+    Vector values;
+    symmetric_eigen(C.data(), Dim, values.data(), vectors_.data());
+    rank_ = 0;
+    for (int i = 0; i < Dim; ++i) {
+      const double value = values[i];
+      const bool counts = value > kInformationRankTolerance * Dim;
+      inverse_[i] = counts ? 1.0 / value : 0.0;
+      rank_ += counts ? 1 : 0;
+    }
+  }
+
+  [[nodiscard]] bool definite() const noexcept { return definite_; }
+  [[nodiscard]] int rank() const noexcept { return rank_; }
+
+  /// A solution X of Y X = B for B in the range of Y.
+  template <class Right>
+  [[nodiscard]] Right solve(const Right& B) const noexcept {
+    Right X = scale_.asDiagonal() * B;
+    if (definite_) {
+      llt_.solveInPlace(X);
+    } else {
+      Right turned = vectors_.transpose().lazyProduct(X);
+      turned = (inverse_.asDiagonal() * turned).eval();
+      X = vectors_.lazyProduct(turned);
+    }
+    return (scale_.asDiagonal() * X).eval();
+  }
+
+  /// Whether hᵀ x is determined: h has no part outside the range of Y.
+  template <class Row>
+  [[nodiscard]] bool determines(const Row& h) const noexcept {
+    if (definite_) return true;
+    Vector g = h;
+    g = (scale_.asDiagonal() * g).eval();
+    const double whole = g.squaredNorm();
+    double outside = 0.0;
+    for (int i = 0; i < Dim; ++i) {
+      const double part = vectors_.col(i).dot(g);
+      if (!(inverse_[i] > 0.0)) outside += part * part;
+    }
+    return outside <= kDeterminedTolerance * kDeterminedTolerance * whole;
+  }
+
+ private:
+  Vector scale_;
+  Eigen::LLT<Square> llt_;
+  Square vectors_;
+  Vector inverse_;
+  bool definite_ = false;
+  int rank_ = 0;
+};
+
+}  // namespace soopnav::detail
