@@ -1,5 +1,6 @@
 #include "array.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <complex>
 
@@ -83,6 +84,19 @@ TableBase::TableBase(py::handle object, const char* name) {
   columns_ = static_cast<std::size_t>(array.shape(1));
   values_ = {array.data(), rows_ * columns_};
   owner_ = array;
+}
+
+NumbersBase::NumbersBase(py::handle object, const char* name) : name_(name) {
+  const auto array = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(object);
+  if (!array) throw py::value_error(std::string(name) + ": expected an array of numbers, got " + describe(object));
+  span_ = {array.data(), static_cast<std::size_t>(array.size())};
+  shape_.assign(array.shape(), array.shape() + array.ndim());
+  owner_ = array;
+}
+
+void NumbersBase::require_axes(std::initializer_list<std::size_t> axes, const char* expected) const {
+  if (std::find(axes.begin(), axes.end(), shape_.size()) != axes.end()) return;
+  throw py::value_error(std::string(name_) + ": expected " + expected + ", got " + describe(owner_));
 }
 
 }  // namespace soopnav::python

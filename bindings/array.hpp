@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <span>
@@ -76,6 +77,25 @@ class TableBase {
   std::size_t columns_ = 0;
 };
 
+/// Numbers of an array of any shape: float64. Any array-like; what fits already is not copied.
+class NumbersBase {
+ public:
+  [[nodiscard]] std::span<const double> span() const noexcept { return span_; }
+  [[nodiscard]] const std::vector<py::ssize_t>& shape() const noexcept { return shape_; }
+  /// `axes` axes, otherwise throws ValueError: "<name>: expected <expected>, got float64 (3,)".
+  void require_axes(std::initializer_list<std::size_t> axes, const char* expected) const;
+
+ protected:
+  NumbersBase() = default;
+  NumbersBase(py::handle object, const char* name);
+
+ private:
+  py::object owner_;
+  const char* name_ = "";
+  std::span<const double> span_;
+  std::vector<py::ssize_t> shape_;
+};
+
 /// What a bound function takes: `const IqArray<"iq">&`. Anything that does not fit raises ValueError with a sentence
 /// that starts with the name.
 template <Name ArgumentName>
@@ -92,6 +112,11 @@ template <Name ArgumentName>
 struct Table : TableBase {
   Table() = default;
   explicit Table(py::handle object) : TableBase(object, ArgumentName.text) {}
+};
+template <Name ArgumentName>
+struct Numbers : NumbersBase {
+  Numbers() = default;
+  explicit Numbers(py::handle object) : NumbersBase(object, ArgumentName.text) {}
 };
 
 /// Hands a vector to NumPy without a copy: the array owns it. `shape` must multiply to its size; empty means (size,).
@@ -126,6 +151,15 @@ std::optional<std::size_t> first_non_finite(IqSpan iq) noexcept;
 }  // namespace soopnav::python
 
 namespace pybind11::detail {
+
+template <soopnav::python::Name ArgumentName>
+struct type_caster<soopnav::python::Numbers<ArgumentName>> {
+  PYBIND11_TYPE_CASTER(soopnav::python::Numbers<ArgumentName>, const_name("numpy.typing.ArrayLike"));
+  bool load(handle source, bool) {
+    value = soopnav::python::Numbers<ArgumentName>(source);
+    return true;
+  }
+};
 
 template <soopnav::python::Name ArgumentName>
 struct type_caster<soopnav::python::IqArray<ArgumentName>> {

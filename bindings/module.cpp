@@ -10,10 +10,18 @@ PYBIND11_MODULE(_core, m) {
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
+  auto measurement = m.def_submodule("measurement", "Measurement models.");
+  auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
   soopnav::python::register_dsp(dsp);
+  soopnav::python::register_measurement(measurement);
+  soopnav::python::register_process(process);
   soopnav::python::register_estimation(estimation);
+  soopnav::python::register_estimation_bounds(estimation);
+  soopnav::python::register_estimation_linear(estimation);
+  soopnav::python::register_kalman(estimation);
+  soopnav::python::register_particle(estimation);
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_lte(lte);
   soopnav::python::register_simulation(simulation);

@@ -7,9 +7,15 @@ namespace soopnav::python {
 
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
+void register_estimation_bounds(pybind11::module_& module);
+void register_estimation_linear(pybind11::module_& module);
 void register_geometry(pybind11::module_& module);
+void register_kalman(pybind11::module_& module);
 void register_lte(pybind11::module_& module);
+void register_measurement(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);
+void register_particle(pybind11::module_& module);
+void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);
 
 }  // namespace soopnav::python

@@ -6,7 +6,9 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.io`        captures in and out: SigMF and raw samples
 `soopnav_cpp.lte`       LTE downlink: cells, times of arrival, synthesis
 `soopnav_cpp.navigation`  positions from observations
-`soopnav_cpp.estimation`  what an estimate is worth
+`soopnav_cpp.estimation`  filters, smoothers, bounds
+`soopnav_cpp.measurement`  measurement models for filters
+`soopnav_cpp.process`   process models for filters
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels: noise, carrier offset, clock error, path loss
@@ -19,9 +21,20 @@ Samples are ``complex64``, estimates ``float64``; units are in the names.
 from importlib.metadata import PackageNotFoundError as _PackageNotFoundError
 from importlib.metadata import version as _version
 
-from soopnav_cpp import dsp, estimation, geometry, io, lte, navigation, plotting, simulation
+from soopnav_cpp import dsp, estimation, geometry, io, lte, measurement, navigation, plotting, process, simulation
 
-__all__ = ["dsp", "estimation", "geometry", "io", "lte", "navigation", "plotting", "simulation"]
+__all__ = [
+    "dsp",
+    "estimation",
+    "geometry",
+    "io",
+    "lte",
+    "measurement",
+    "navigation",
+    "plotting",
+    "process",
+    "simulation",
+]
 
 try:
     __version__ = _version("soopnav")

@@ -1,13 +1,89 @@
-"""What an estimate is worth: dilution of precision, error ellipses, circular errors."""
+"""Estimation: Kalman and particle filters, smoothers, bounds, and what an estimate is worth."""
 
 from __future__ import annotations
 
 import numpy.typing as npt
 
+from soopnav_cpp._bounds import (
+    Crlb,
+    PosteriorCrlb,
+    coverage,
+    coverage_bounds,
+    crlb,
+    crlb_map,
+    marginal_information,
+    mean_nees_bounds,
+    nees,
+    observability,
+    posterior_crlb,
+    rmse,
+    sample_circular_error_m,
+)
 from soopnav_cpp._core import estimation as _estimation
 from soopnav_cpp._core.estimation import Dop, ErrorEllipse
+from soopnav_cpp._kalman import (
+    ExtendedKalmanFilter,
+    InformationFilter,
+    IteratedKalmanFilter,
+    KalmanReport,
+    KalmanRun,
+    SquareRootKalmanFilter,
+    UnscentedKalmanFilter,
+    UpdateStatus,
+)
+from soopnav_cpp._linear import LinearFilterResult, StepStatus, linear_filter, rts_smooth
+from soopnav_cpp._particle import (
+    Gaussian,
+    Measured,
+    ParticleFilter,
+    ParticleReport,
+    ParticleRun,
+    ParticleStatus,
+    Samples,
+    Uniform,
+)
+from soopnav_cpp._track import track_jacobian
 
-__all__ = ["Dop", "ErrorEllipse", "circular_error_m", "error_ellipse"]
+__all__ = [
+    "Crlb",
+    "Dop",
+    "ErrorEllipse",
+    "ExtendedKalmanFilter",
+    "Gaussian",
+    "InformationFilter",
+    "IteratedKalmanFilter",
+    "KalmanReport",
+    "KalmanRun",
+    "LinearFilterResult",
+    "Measured",
+    "ParticleFilter",
+    "ParticleReport",
+    "ParticleRun",
+    "ParticleStatus",
+    "PosteriorCrlb",
+    "Samples",
+    "SquareRootKalmanFilter",
+    "StepStatus",
+    "Uniform",
+    "UnscentedKalmanFilter",
+    "UpdateStatus",
+    "circular_error_m",
+    "coverage",
+    "coverage_bounds",
+    "crlb",
+    "crlb_map",
+    "error_ellipse",
+    "linear_filter",
+    "marginal_information",
+    "mean_nees_bounds",
+    "nees",
+    "observability",
+    "posterior_crlb",
+    "rmse",
+    "rts_smooth",
+    "sample_circular_error_m",
+    "track_jacobian",
+]
 
 
 def error_ellipse(covariance_m2: npt.ArrayLike, *, probability: float | None = None) -> ErrorEllipse:

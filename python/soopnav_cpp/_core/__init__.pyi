@@ -7,7 +7,9 @@ from . import dsp
 from . import estimation
 from . import geometry
 from . import lte
+from . import measurement
+from . import process
 from . import simulation
 from . import navigation
 
-__all__: list[str] = ["dsp", "estimation", "geometry", "lte", "navigation", "simulation"]
+__all__: list[str] = ["dsp", "estimation", "geometry", "lte", "measurement", "navigation", "process", "simulation"]
