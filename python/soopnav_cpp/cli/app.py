@@ -91,6 +91,9 @@ def cli() -> None:
       soopnav scan city.cu8 --rate 1.92e6 --plot city.png
       soopnav locate city.sigmf-meta --nodes nodes.toml
       soopnav synth lte city.toml city.sigmf-meta
+      soopnav observe room.toml --out room.png
+      soopnav reproduce 'nielsen-*' --out figures
+      soopnav bench rts
     """
 
 
@@ -228,3 +231,136 @@ def synth_lte(scenario: Path, out: Path) -> None:
     with progress() as step:
         written, n_samples = work.synthesize(scenario, out, step=step)
     click.echo(f"{written}: {n_samples} samples")
+
+
+@cli.command(short_help="What measurements along a track can tell.")
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="PNG", help="The map.  [default: SCENARIO.png]")
+@_sentences
+def observe(scenario: Path, as_json: bool, out: Path | None) -> None:
+    """Say what nodes can tell about a track, in any geometry, before anything is built.
+
+    Prints the rank of the measurements, the standard deviation of every unknown, and the directions that cannot be
+    seen; draws the deviation over the starts of the track.
+
+    \b
+      [measurement]
+      kind = "pseudorange"                 # range, pseudorange, range_difference, bearing (sigma_deg)
+      sigma_m = 1.0
+      [[nodes]]
+      name = "A"
+      position_m = [0.0, 0.0]              # two coordinates throughout, or three
+      [track]
+      start_m = [1.0, 1.5]                 # or positions_m = [[...], ...]
+      step_m = 0.1
+      direction_deg = 0.0
+      count = 20
+      [unknown]
+      offset = ["x"]                       # displacement of the whole track
+      step = []                            # error of every step's length
+      heading = false                      # turn of the track about its start
+      bias = "separate"                    # known, common, separate; drift likewise, per second
+      [map]
+      low_m = [0.0, 0.0]
+      high_m = [2.0, 4.0]
+      points = [41, 81]
+    """
+    from soopnav_cpp.cli import observe as work
+
+    picture = out if out is not None else Path(f"{scenario.stem}.png")
+    if picture.suffix.lower() != ".png":
+        raise ValueError(f"{picture}: a name that ends in .png expected")
+    with progress() as step:
+        step("working out the map")
+        result = work.observe(scenario)
+        step(f"drawing {picture.name}")
+        work.draw(result, picture)
+    if as_json:
+        click.echo(json.dumps(work.as_json(result), indent=2, allow_nan=False))
+        return
+    work.print_result(result, _stdout())
+    click.echo(f"map: {picture}")
+
+
+@cli.command(short_help="Run the papers' experiments and check their claims.")
+@click.argument("ids", nargs=-1, metavar="[ID]...")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Names the random numbers.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("reproduced"),
+    metavar="DIR",
+    help="Folder of figures, data and claims.json.  [default: reproduced]",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes to spread runs over.  [default: one per processor]",
+)
+@click.option("--list", "only_list", is_flag=True, help="Name the experiments and run none.")
+@_sentences
+def reproduce(ids: tuple[str, ...], seed: int, out: Path, jobs: int | None, only_list: bool) -> None:
+    """Run the experiments that each ID names, all without any, and check what the papers claim.
+
+    An ID may be a glob: 'nielsen-*'. Each experiment writes its figure (ID.png), its data (ID.npz or ID.csv) and a row
+    per claim into claims.json; the results depend on the seed alone, not on --jobs. Ends with a table of the claims,
+    and with exit code 1 when one does not hold.
+    """
+    from soopnav_cpp.cli import reproduce as work
+
+    chosen = work.select(ids)
+    if only_list:
+        work.print_list(chosen, _stdout())
+        return
+    with progress() as step:
+        outcomes = work.reproduce(
+            chosen, seed=seed, out=out, jobs=jobs or work.available_jobs(), step=step, failed=work.report_error
+        )
+    work.print_table(outcomes, _stdout())
+    click.echo(f"figures, data and claims.json: {out}")
+    if not all(outcome.holds for outcome in outcomes):
+        raise click.exceptions.Exit(1)
+
+
+@cli.command(short_help="Measure speed beside named peers.")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON lines, a row each, and nothing else.")
+@click.option("--runs", type=int, default=7, show_default=True, help="Turns of each side.")
+@click.option("--list", "only_list", is_flag=True, help="Name the cases and measure none.")
+@_sentences
+def bench(names: tuple[str, ...], as_json: bool, runs: int, only_list: bool) -> None:
+    """Time the cases that each NAME begins or matches as a glob, all without any, each beside its peers.
+
+    Both sides take turns in one run and on one thread; the times are medians, and the ratio is how many times as long
+    the peer takes. Their answers are compared: exit code 1 when one differs. A peer that is not installed (pip install
+    soopnav[bench]) or cannot run is named, with null for its time. One that needs other versions than are installed
+    gets an environment of its own in the user's cache, which is made when it is first needed.
+
+    With --json a row is a line: {"name", "ours_s", "peer", "peer_s", "ratio", "n"}, n the number of turns.
+    """
+    from soopnav_cpp.cli import bench as work
+
+    cases = work.choose(names)
+    if runs < work.LEAST_RUNS:
+        raise ValueError(f"--runs {runs}: at least {work.LEAST_RUNS} expected")
+    if only_list:
+        for case in cases:
+            click.echo(f"{case.name}  {case.title}; beside {', '.join(peer.name for peer in case.peers)}")
+        return
+    if not work.has_one_thread():
+        arguments = [*(["--json"] if as_json else []), "--runs", str(runs), "--", *names]
+        raise click.exceptions.Exit(work.again_with_one_thread(arguments))
+    rows = []
+    for case, row in work.bench(cases, runs=runs, step=work.tell):
+        rows.append(row)
+        if as_json:
+            click.echo(json.dumps(row.as_json(), allow_nan=False))
+        complaint = work.complaint(case, row)
+        if complaint:
+            click.echo(complaint, err=True)
+    if not as_json:
+        work.print_table(rows, _stdout())
+    if not all(row.agrees for row in rows):
+        raise click.exceptions.Exit(1)
