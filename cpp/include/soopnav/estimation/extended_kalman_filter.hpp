@@ -13,6 +13,16 @@
 #include "soopnav/estimation/transition.hpp"
 #include "soopnav/estimation/update_report.hpp"
 
+/// Compiles a filter's step as one piece, model and algebra together: a fifth faster, and slower to compile. Define
+/// SOOPNAV_NO_FLATTEN where compile time counts for more; results are the same.
+#ifndef SOOPNAV_FLATTEN
+#ifdef SOOPNAV_NO_FLATTEN
+#define SOOPNAV_FLATTEN
+#else
+#define SOOPNAV_FLATTEN [[gnu::flatten]]
+#endif
+#endif
+
 namespace soopnav {
 
 /// Extended Kalman filter on a state of fixed size (doc/kalman_filter.md).
@@ -51,8 +61,8 @@ class ExtendedKalmanFilter {
   /// Moves the state by `dt_s` > 0 [s]. `cross`, when given, receives Cov(x_k, x_k+1) = P Fᵀ for a smoother.
   /// kTimeNotAdvancing, kUndefined (by the model), kNonFinite: nothing changed.
   template <ProcessModelFor<State> Process>
-  [[gnu::flatten]] UpdateStatus predict(const Process& process, const InputOf<Process>& input, double dt_s,
-                                        Square* cross = nullptr) {
+  SOOPNAV_FLATTEN UpdateStatus predict(const Process& process, const InputOf<Process>& input, double dt_s,
+                                       Square* cross = nullptr) {
     if (!(dt_s > 0.0) || std::isinf(dt_s)) return UpdateStatus::kTimeNotAdvancing;
     Transition<State, Process::kNoise> y(state_);
     if (!detail::propagate(process, state_, input, dt_s, ZeroNoise{}, y)) return UpdateStatus::kUndefined;
@@ -76,9 +86,9 @@ class ExtendedKalmanFilter {
   /// Takes `z = h(x) + noise` of covariance `R` in. Refused: what is not finite, `R` not positive definite, what `gate`
   /// keeps out, and where the model has no Jacobian.
   template <MeasurementModelFor<State> Model>
-  [[gnu::flatten]] UpdateReport<Model::kDim> update(const Model& model, const Eigen::Matrix<double, Model::kDim, 1>& z,
-                                                    const Eigen::Matrix<double, Model::kDim, Model::kDim>& R,
-                                                    const Gate& gate = {}) {
+  SOOPNAV_FLATTEN UpdateReport<Model::kDim> update(const Model& model, const Eigen::Matrix<double, Model::kDim, 1>& z,
+                                                   const Eigen::Matrix<double, Model::kDim, Model::kDim>& R,
+                                                   const Gate& gate = {}) {
     UpdateReport<Model::kDim> report;
     if (!z.allFinite()) {
       report.status = UpdateStatus::kNonFinite;

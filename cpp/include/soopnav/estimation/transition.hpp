@@ -22,7 +22,7 @@ struct Transition {
   static constexpr bool kJacobian = true;
   static constexpr int kN = State::kStored;
   /// Whether the elements asked for are remembered.
-  static constexpr bool kTracked = kN * kN <= 64 && kN * Noise <= 64;
+  static constexpr bool kTracked = kN <= 5 && kN * Noise <= 64;
 
   State state;
   Eigen::Matrix<double, kN, kN> F = Eigen::Matrix<double, kN, kN>::Identity();
