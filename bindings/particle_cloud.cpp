@@ -1,5 +1,6 @@
 #include "particle_cloud.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +8,7 @@
 #include <utility>
 #include <variant>
 
+#include "soopnav/estimation/covariance_check.hpp"
 #include "soopnav/estimation/particle_loop.hpp"
 
 namespace soopnav::python {
@@ -39,6 +41,55 @@ std::size_t rows_of(std::span<const AnyMeasurement* const> models) {
 
 [[noreturn]] void refuse(const std::string& what) { throw std::invalid_argument(what); }
 
+// Covariance of the clock, which it takes out of the prior: what is exact is not sampled.
+Eigen::MatrixXd exact_clock(const CloudSettings& settings, ParticlePrior& prior) {
+  if (prior.x0.size() == 0) refuse("prior: Gaussian expected with marginalized_clock");
+  soopnav::check_covariance(prior.P0, "P0");
+  const auto n = static_cast<Eigen::Index>(settings.clock.size());
+  Eigen::MatrixXd P(n, n);
+  const auto is_clock = [&settings](Eigen::Index c) {
+    return std::find(settings.clock.begin(), settings.clock.end(), static_cast<int>(c)) != settings.clock.end();
+  };
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      P(i, j) = prior.P0(settings.clock[static_cast<std::size_t>(i)], settings.clock[static_cast<std::size_t>(j)]);
+    }
+  }
+  for (Eigen::Index i = 0; i < prior.P0.rows(); ++i) {
+    for (Eigen::Index j = 0; j < prior.P0.cols(); ++j) {
+      if (is_clock(i) != is_clock(j) && prior.P0(i, j) != 0.0) {
+        refuse("prior.P0[" + std::to_string(i) + ", " + std::to_string(j) +
+               "] correlates the clock with another component; it must be 0 with marginalized_clock");
+      }
+      if (is_clock(i) || is_clock(j)) prior.P0(i, j) = 0.0;
+    }
+  }
+  return P;
+}
+
+// All observations as one with a common covariance, which a clock in all of them makes it.
+UpdateStatus join(std::span<const Observations> observations, Observations& all) {
+  Eigen::Index rows = 0;
+  for (const Observations& o : observations) rows += o.z.size();
+  if (rows > static_cast<Eigen::Index>(kMaxGroupRows)) return UpdateStatus::kTooManyRows;
+  all.z.resize(rows);
+  all.R.setZero(rows, rows);
+  Eigen::Index first = 0;
+  for (const Observations& o : observations) {
+    if (o.probability > 0.0) refuse("outlier_probability: not with marginalized_clock");
+    all.models.insert(all.models.end(), o.models.begin(), o.models.end());
+    const Eigen::Index m = o.z.size();
+    all.z.segment(first, m) = o.z;
+    if (o.R.size() != 0) {
+      all.R.block(first, first, m, m) = o.R;
+    } else {
+      all.R.block(first, first, m, m).diagonal() = o.variances;
+    }
+    first += m;
+  }
+  return UpdateStatus::kAccepted;
+}
+
 }  // namespace
 
 void check_readable(const AnyMeasurement& measurement, const RoleMap& roles, std::string_view state) {
@@ -70,6 +121,8 @@ std::unique_ptr<ParticleCloud> ParticleCloud::make(CloudSettings settings, Parti
     fits("high", prior.high.size());
   }
   std::unique_ptr<ParticleCloud> cloud;
+  Eigen::MatrixXd clock_P0;
+  if (!settings.clock.empty()) clock_P0 = exact_clock(settings, prior);
   if (settings.single) {
     if (settings.roles.heading < 0) cloud = make_single_cloud(settings, prior);
     if (!cloud) refuse("precision: 'float' is for states of 2 or 5 components without a heading");
@@ -80,6 +133,7 @@ std::unique_ptr<ParticleCloud> ParticleCloud::make(CloudSettings settings, Parti
     if (!cloud) cloud = make_large_cloud(settings, prior);
     if (!cloud) refuse("state: " + std::to_string(n) + " components; 1 to 8 expected");
   }
+  cloud->clock_P_ = cloud->clock_P0_ = clock_P0;
   return cloud;
 }
 
@@ -102,9 +156,15 @@ ParticleReport ParticleCloud::refused(UpdateStatus status) const {
 ParticleReport ParticleCloud::finish(const ParticleReport& report) {
   if (report.status != ParticleStatus::kDegenerate || !settings_.restart) return report;
   do_restart(++restarts_);
+  clock_P_ = clock_P0_;
   ParticleReport restarted = report;
   restarted.ess = get_ess();
   return restarted;
+}
+
+std::size_t ParticleCloud::count() const {
+  const std::scoped_lock lock(mutex_);
+  return get_count();
 }
 
 bool ParticleCloud::resample_when_due() {
@@ -117,6 +177,7 @@ ParticleReport ParticleCloud::locked_step(const AnyProcess* process, const doubl
                                           std::span<const Observations> observations) {
   if (process == nullptr) {
     if (observations.empty() && constraints_.empty()) return {ParticleStatus::kAccepted, 0.0, get_ess(), false};
+    if (!settings_.clock.empty()) return weigh_with_clock(nullptr, 0.0, observations, constraints_, true);
     if (const UpdateStatus status = plan_weights(observations, &constraints_); status != UpdateStatus::kAccepted) {
       return refused(status);
     }
@@ -130,10 +191,55 @@ ParticleReport ParticleCloud::locked_step(const AnyProcess* process, const doubl
     if (!std::isfinite(input[i])) return refused(UpdateStatus::kNonFinite);
   }
   plan_move(*process, input, dt_s);
+  if (!settings_.clock.empty()) return weigh_with_clock(process, dt_s, observations, constraints_, true);
   if (const UpdateStatus status = plan_weights(observations, &constraints_); status != UpdateStatus::kAccepted) {
     return refused(status);
   }
   return finish(do_step(dt_s));
+}
+
+// A step as planned (or, without a process, an update) whose clock has a Kalman filter for each particle
+// (doc/particle_filter.md eq. 18 to 22).
+ParticleReport ParticleCloud::weigh_with_clock(const AnyProcess* process, double dt_s,
+                                               std::span<const Observations> observations,
+                                               const Constraints& constraints, bool may_resample) {
+  Eigen::MatrixXd P = clock_P_;
+  if (process != nullptr) P = (clock_F_ * clock_P_ * clock_F_.transpose() + clock_Q_).eval();
+  Observations all;
+  if (const UpdateStatus status = join(observations, all); status != UpdateStatus::kAccepted) return refused(status);
+  const Eigen::Index rows = all.z.size();
+  Eigen::MatrixXd H;
+  Eigen::MatrixXd S;
+  const Eigen::MatrixXd R = all.R;
+  if (rows > 0) {
+    if (const UpdateStatus status = plan_weights({&all, 1}, nullptr); status != UpdateStatus::kAccepted) {
+      return refused(status);
+    }
+    if (!get_clock_factors(rows, H)) H.setZero(rows, P.rows());
+    S = R + H * P * H.transpose();
+    all.R = S = (0.5 * (S + S.transpose())).eval();
+  }
+  const std::span<const Observations> planned(&all, rows > 0 ? 1 : 0);
+  if (const UpdateStatus status = plan_weights(planned, &constraints); status != UpdateStatus::kAccepted) {
+    return refused(status);
+  }
+  ParticleReport report;
+  if (process != nullptr) {
+    report = do_step(dt_s);
+    clock_P_ = P;
+  } else {
+    const bool resampled = may_resample && resample_when_due();
+    report = do_update();
+    report.resampled = resampled;
+  }
+  if (report.accepted() && rows > 0) {
+    const Eigen::MatrixXd K = S.llt().solve(H * P).transpose();
+    do_correct_clock(K);
+    const Eigen::MatrixXd left = Eigen::MatrixXd::Identity(P.rows(), P.rows()) - K * H;
+    P = (left * P * left.transpose() + K * R * K.transpose()).eval();
+    clock_P_ = 0.5 * (P + P.transpose());
+  }
+  return finish(report);
 }
 
 ParticleReport ParticleCloud::step(const AnyProcess* process, std::span<const double> input, double dt_s,
@@ -150,7 +256,9 @@ ParticleReport ParticleCloud::step(const AnyProcess* process, std::span<const do
 ParticleReport ParticleCloud::step_to(std::span<const double> next, std::span<const Observations> observations) {
   const std::scoped_lock lock(mutex_);
   check(observations);
-  if (next.size() != count() * size()) refuse("next: wrong size");
+  if (next.size() != get_count() * size()) refuse("next: wrong size");
+  if (!settings_.clock.empty()) refuse("process: a process model expected with marginalized_clock");
+  if (settings_.options.auxiliary) refuse("process: a process model expected with auxiliary");
   plan_move(next);
   if (const UpdateStatus status = plan_weights(observations, &constraints_); status != UpdateStatus::kAccepted) {
     return refused(status);
@@ -162,6 +270,7 @@ ParticleReport ParticleCloud::update(std::span<const Observations> observations)
   const std::scoped_lock lock(mutex_);
   check(observations);
   const Constraints box{{}, constraints_.low, constraints_.high};
+  if (!settings_.clock.empty()) return weigh_with_clock(nullptr, 0.0, observations, box, false);
   if (const UpdateStatus status = plan_weights(observations, &box); status != UpdateStatus::kAccepted) {
     return refused(status);
   }
@@ -170,9 +279,9 @@ ParticleReport ParticleCloud::update(std::span<const Observations> observations)
 
 ParticleReport ParticleCloud::reweight(std::span<const double> log_likelihood, bool may_resample) {
   const std::scoped_lock lock(mutex_);
-  if (log_likelihood.size() != count()) {
+  if (log_likelihood.size() != get_count()) {
     refuse("log_likelihood: " + std::to_string(log_likelihood.size()) + " numbers; one for each of " +
-           std::to_string(count()) + " particles expected");
+           std::to_string(get_count()) + " particles expected");
   }
   const bool resampled = may_resample && resample_when_due();
   ParticleReport report = do_reweight(log_likelihood);
@@ -213,13 +322,17 @@ void ParticleCloud::resample() {
 
 std::vector<double> ParticleCloud::next_particles() {
   const std::scoped_lock lock(mutex_);
-  std::vector<std::uint32_t> ancestors(count());
-  const bool resampled = next_ancestors(ancestors);
-  std::vector<double> rows(count() * size());
-  std::vector<double> component(count());
+  // A new number of particles or spread copies cannot be looked at beforehand.
+  const bool beforehand = settings_.options.adaptive.bin_sizes.empty() && settings_.options.regularisation == 0.0;
+  if (!beforehand) static_cast<void>(resample_when_due());
+  const std::size_t n = get_count();
+  std::vector<std::uint32_t> ancestors(n);
+  const bool resampled = beforehand && next_ancestors(ancestors);
+  std::vector<double> rows(n * size());
+  std::vector<double> component(n);
   for (std::size_t c = 0; c < size(); ++c) {
     get_component(static_cast<int>(c), component.data());
-    for (std::size_t i = 0; i < count(); ++i) rows[i * size() + c] = component[resampled ? ancestors[i] : i];
+    for (std::size_t i = 0; i < n; ++i) rows[i * size() + c] = component[resampled ? ancestors[i] : i];
   }
   return rows;
 }
@@ -228,12 +341,13 @@ std::vector<double> ParticleCloud::next_noise(std::size_t numbers) const {
   const std::scoped_lock lock(mutex_);
   std::uint64_t stride = 0;
   RandomStream stream = next_noise_stream(stride);
-  std::vector<double> rows(count() * numbers);
-  std::vector<float> column(count());
+  const std::size_t n = get_count();
+  std::vector<double> rows(n * numbers);
+  std::vector<float> column(n);
   for (std::size_t k = 0; k < numbers; ++k) {
     stream.seek(k * stride);
     stream.fill_normal(std::span(column));
-    for (std::size_t i = 0; i < count(); ++i) rows[i * numbers + k] = static_cast<double>(column[i]);
+    for (std::size_t i = 0; i < n; ++i) rows[i * numbers + k] = static_cast<double>(column[i]);
   }
   return rows;
 }
@@ -285,6 +399,7 @@ CloudRun ParticleCloud::run(std::span<const double> time_s, std::optional<double
   out.log_likelihood.resize(steps);
   out.status.resize(steps);
   out.resampled.resize(steps);
+  out.count.resize(steps);
   for (std::size_t k = 0; k < steps; ++k) {
     groups.resize(observations.size());
     std::size_t there = 0;
@@ -315,7 +430,8 @@ CloudRun ParticleCloud::run(std::span<const double> time_s, std::optional<double
     out.status[k] = static_cast<std::uint8_t>(report.status);
     out.resampled[k] = report.resampled ? 1 : 0;
     get_mean(out.mean.data() + k * n);
-    if (covariance) get_covariance(out.covariance.data() + k * n * n);
+    if (covariance) covariance_into(out.covariance.data() + k * n * n);
+    out.count[k] = get_count();
   }
   return out;
 }
@@ -331,8 +447,19 @@ Eigen::MatrixXd ParticleCloud::covariance() const {
   const std::scoped_lock lock(mutex_);
   const auto n = static_cast<Eigen::Index>(size());
   Eigen::MatrixXd P(n, n);
-  get_covariance(P.data());
+  covariance_into(P.data());
   return P;
+}
+
+void ParticleCloud::covariance_into(double* out) const {
+  get_covariance(out);
+  // That of the particles, and an exact clock's own.
+  for (std::size_t i = 0; i < settings_.clock.size(); ++i) {
+    for (std::size_t j = 0; j < settings_.clock.size(); ++j) {
+      out[static_cast<std::size_t>(settings_.clock[i]) * size() + static_cast<std::size_t>(settings_.clock[j])] +=
+          clock_P_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    }
+  }
 }
 
 double ParticleCloud::ess() const {
@@ -352,14 +479,15 @@ std::size_t ParticleCloud::storage_bytes() const {
 
 std::vector<double> ParticleCloud::particles() const {
   const std::scoped_lock lock(mutex_);
-  std::vector<double> components(count() * size());
-  for (std::size_t c = 0; c < size(); ++c) get_component(static_cast<int>(c), components.data() + c * count());
+  const std::size_t n = get_count();
+  std::vector<double> components(n * size());
+  for (std::size_t c = 0; c < size(); ++c) get_component(static_cast<int>(c), components.data() + c * n);
   return components;
 }
 
 std::vector<double> ParticleCloud::weights() const {
   const std::scoped_lock lock(mutex_);
-  std::vector<double> w(count());
+  std::vector<double> w(get_count());
   get_weights(w);
   return w;
 }
@@ -374,13 +502,18 @@ CloudSnapshot ParticleCloud::save() const {
   CloudSnapshot snapshot;
   get_snapshot(snapshot);
   snapshot.restarts = restarts_;
+  snapshot.clock_covariance.assign(clock_P_.data(), clock_P_.data() + clock_P_.size());
   return snapshot;
 }
 
 void ParticleCloud::restore(const CloudSnapshot& snapshot) {
   const std::scoped_lock lock(mutex_);
+  if (snapshot.clock_covariance.size() != static_cast<std::size_t>(clock_P_.size())) {
+    refuse("clock_covariance: wrong size");
+  }
   set_snapshot(snapshot);
   restarts_ = snapshot.restarts;
+  std::copy(snapshot.clock_covariance.begin(), snapshot.clock_covariance.end(), clock_P_.data());
 }
 
 }  // namespace soopnav::python

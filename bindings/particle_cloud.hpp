@@ -34,6 +34,8 @@ struct CloudSettings {
   ParticleOptions options;
   bool single = false;   ///< kept in single precision
   bool restart = false;  ///< drawn anew from the prior when every weight vanishes
+  /// Columns of the clock when it is kept exact for each particle (Rao-Blackwellised); empty: all are sampled.
+  std::vector<int> clock{};
 };
 
 /// Everything that changes: what a pickle keeps. `components` is component by component.
@@ -43,6 +45,7 @@ struct CloudSnapshot {
   double log_likelihood = 0.0;
   std::uint64_t steps = 0;
   std::uint64_t restarts = 0;
+  std::vector<double> clock_covariance;  ///< of an exact clock
 };
 
 /// Measurements of a run: one row of `z` for each time.
@@ -64,6 +67,7 @@ struct CloudRun {
   std::vector<double> log_likelihood;
   std::vector<std::uint8_t> status;
   std::vector<std::uint8_t> resampled;
+  std::vector<std::uint64_t> count;
 };
 
 /// One call at a time: every public function locks. Functions that take models throw std::invalid_argument for those
@@ -79,7 +83,9 @@ class ParticleCloud {
   [[nodiscard]] static std::unique_ptr<ParticleCloud> make(CloudSettings settings, ParticlePrior prior);
 
   [[nodiscard]] const CloudSettings& settings() const noexcept { return settings_; }
-  [[nodiscard]] std::size_t count() const noexcept { return settings_.options.count; }
+  /// Particles there are now, and the most there can be.
+  [[nodiscard]] std::size_t count() const;
+  [[nodiscard]] std::size_t most() const noexcept { return settings_.options.count; }
   [[nodiscard]] std::size_t size() const noexcept { return settings_.names.size(); }
 
   /// Resamples when it is due, moves by `process` when there is one (else dt_s and input are not read), weighs.
@@ -119,6 +125,11 @@ class ParticleCloud {
  protected:
   explicit ParticleCloud(CloudSettings settings) : settings_(std::move(settings)) {}
   [[nodiscard]] bool wide() const noexcept;
+  /// Transition and noise of an exact clock over the step planned.
+  void set_clock_step(const Eigen::MatrixXd& F, const Eigen::MatrixXd& Q) {
+    clock_F_ = F;
+    clock_Q_ = Q;
+  }
 
  private:
   // What is done for one state and precision.
@@ -130,6 +141,11 @@ class ParticleCloud {
   virtual ParticleReport do_update() = 0;           // as planned
   virtual ParticleReport do_reweight(std::span<const double> log_likelihood) = 0;
   virtual void do_resample() = 0;
+  [[nodiscard]] virtual std::size_t get_count() const = 0;
+  // Of an exact clock: its columns of the planned rows' Jacobian; false when no particle has any. And the change of its
+  // means, K times the residuals of the planned rows.
+  [[nodiscard]] virtual bool get_clock_factors(Eigen::Index rows, Eigen::MatrixXd& H) const = 0;
+  virtual void do_correct_clock(const Eigen::MatrixXd& K) = 0;
   [[nodiscard]] virtual bool resampling_due() const = 0;
   [[nodiscard]] virtual bool next_ancestors(std::span<std::uint32_t> out) = 0;
   [[nodiscard]] virtual RandomStream next_noise_stream(std::uint64_t& stride) const = 0;
@@ -150,9 +166,16 @@ class ParticleCloud {
   ParticleReport finish(const ParticleReport& report);
   ParticleReport locked_step(const AnyProcess* process, const double* input, double dt_s,
                              std::span<const Observations> observations);
+  ParticleReport weigh_with_clock(const AnyProcess* process, double dt_s, std::span<const Observations> observations,
+                                  const Constraints& constraints, bool may_resample);
+  void covariance_into(double* out) const;
   bool resample_when_due();
 
   CloudSettings settings_;
+  Eigen::MatrixXd clock_P_;  // given the sampled components
+  Eigen::MatrixXd clock_P0_;
+  Eigen::MatrixXd clock_F_;
+  Eigen::MatrixXd clock_Q_;
   Constraints constraints_;
   std::uint64_t restarts_ = 0;
   mutable std::mutex mutex_;

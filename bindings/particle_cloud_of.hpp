@@ -1,6 +1,8 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 #include <span>
@@ -8,16 +10,21 @@
 #include <vector>
 
 #include "particle_cloud.hpp"
+#include "soopnav/clock/two_state.hpp"
 #include "soopnav/estimation/particle_filter.hpp"
 
 namespace soopnav::python {
+
+using ExactClock = ComposedState<PlanarFrame, Role<1, ClockBiasTag>, Role<1, ClockDriftTag>>;
 
 /// The cloud of one state and precision; a state without headings is a `CustomState` of its size, whatever its roles.
 template <class State, class T>
 class CloudOf final : public ParticleCloud {
  public:
   CloudOf(CloudSettings settings, ParticlePrior prior)
-      : ParticleCloud(std::move(settings)), prior_(std::move(prior)), filter_(draw(this->settings().options)) {}
+      : ParticleCloud(std::move(settings)), prior_(std::move(prior)), filter_(draw(this->settings().options)) {
+    move_.keep_clock_exact(!this->settings().clock.empty());
+  }
 
  private:
   using Filter = ParticleFilter<State, T>;
@@ -40,9 +47,26 @@ class CloudOf final : public ParticleCloud {
   void plan_move(const AnyProcess& process, const double* input, double dt_s) override {
     const auto diffusion = process.diffusion<State>().sigma;
     move_.prepare(process, diffusion, settings().roles, settings().state, input, dt_s, wide());
+    const std::vector<int>& clock = settings().clock;
+    if (clock.empty()) return;
+    const auto n = static_cast<Eigen::Index>(clock.size());
+    Eigen::MatrixXd F = Eigen::MatrixXd::Identity(n, n);
+    Eigen::MatrixXd Q = Eigen::MatrixXd::Zero(n, n);
+    if (n == 2) {
+      const clock::ClockNoise noise = process.clock().value_or(clock::ClockNoise{});
+      Transition<ExactClock, 2> y{ExactClock{}};
+      static_cast<void>(clock::TwoState<>{noise}.propagate(ExactClock{}, dt_s, ZeroNoise{}, y));
+      F = y.F.template topLeftCorner<2, 2>();
+      Q = y.G.template topRows<2>() * y.G.template topRows<2>().transpose();
+    }
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double sigma = diffusion[static_cast<std::size_t>(clock[static_cast<std::size_t>(i)])];
+      Q(i, i) += sigma * sigma * dt_s;
+    }
+    set_clock_step(F, Q);
   }
   void plan_move(std::span<const double> next) override {
-    move_.prepare(next.data(), settings().options.count, static_cast<std::size_t>(kSize), settings().roles, wide());
+    move_.prepare(next.data(), filter_.count(), static_cast<std::size_t>(kSize), settings().roles, wide());
   }
   UpdateStatus plan_weights(std::span<const Observations> observations, const Constraints* constraints) override {
     weigh_.clear();
@@ -63,6 +87,55 @@ class CloudOf final : public ParticleCloud {
     });
   }
   void do_resample() override { filter_.resample(); }
+  std::size_t get_count() const override { return filter_.count(); }
+  bool get_clock_factors(Eigen::Index rows, Eigen::MatrixXd& H) const override {
+    constexpr std::size_t kWidth = Packet<T>::kWidth;
+    constexpr double kStep = 1024.0;  // what the rows are linear in can take any
+    const std::vector<int>& clock = settings().clock;
+    H.setZero(rows, static_cast<Eigen::Index>(clock.size()));
+    std::array<std::array<T, kWidth>, static_cast<std::size_t>(kSize)> numbers;
+    std::array<const T*, static_cast<std::size_t>(kSize)> columns;
+    std::vector<T> residuals(kMaxGroupRows * soopnav::detail::kParticleChunk);
+    for (std::size_t i = 0; i < filter_.count(); ++i) {
+      for (std::size_t c = 0; c < numbers.size(); ++c) {
+        numbers[c].fill(filter_.component(static_cast<int>(c))[i]);
+        columns[c] = numbers[c].data();
+      }
+      for (std::size_t k = 0; k < clock.size(); ++k) {
+        auto& column = numbers[static_cast<std::size_t>(clock[k])];
+        column.fill(T{0});
+        column[k + 1] = static_cast<T>(kStep);
+      }
+      weigh_.residuals(columns.data(), residuals.data(), kWidth);
+      for (Eigen::Index row = 0; row < rows; ++row) {
+        const T* r = residuals.data() + static_cast<std::size_t>(row) * soopnav::detail::kParticleChunk;
+        for (std::size_t k = 0; k < clock.size(); ++k) {
+          H(row, static_cast<Eigen::Index>(k)) = static_cast<double>(r[0] - r[k + 1]) / kStep;
+        }
+      }
+      if (H.allFinite()) return true;
+    }
+    return false;
+  }
+  void do_correct_clock(const Eigen::MatrixXd& K) override {
+    const std::vector<int>& clock = settings().clock;
+    filter_.transform([this, &K, &clock](const auto& to, std::size_t /*first*/, std::size_t n) {
+      std::array<const T*, static_cast<std::size_t>(kSize)> columns;
+      std::copy(to.begin(), to.end(), columns.begin());
+      std::array<T, kMaxGroupRows * soopnav::detail::kParticleChunk> residuals;
+      weigh_.residuals(columns.data(), residuals.data(), n);
+      for (std::size_t i = 0; i < n; ++i) {
+        for (std::size_t k = 0; k < clock.size(); ++k) {
+          T change{0};
+          for (Eigen::Index row = 0; row < K.cols(); ++row) {
+            change += static_cast<T>(K(static_cast<Eigen::Index>(k), row)) *
+                      residuals[static_cast<std::size_t>(row) * soopnav::detail::kParticleChunk + i];
+          }
+          if (std::isfinite(change)) to[static_cast<std::size_t>(clock[k])][i] += change;
+        }
+      }
+    });
+  }
   bool resampling_due() const override { return filter_.resampling_due(); }
   bool next_ancestors(std::span<std::uint32_t> out) override { return filter_.next_ancestors(out); }
   RandomStream next_noise_stream(std::uint64_t& stride) const override {

@@ -213,6 +213,11 @@ void MoveStep<T>::prepare(const AnyProcess& process, std::span<const double> dif
   first_diffusion_ = motion_normals_ + (has_clock ? 2 : 0);
   const double root = std::sqrt(dt_s);
   for (std::size_t c = 0; c < columns_; ++c) sigma_[c] = static_cast<T>(diffusion[c] * root);
+  if (exact_clock_) {
+    for (const int c : {roles.clock_bias, roles.clock_drift}) {
+      if (c >= 0) sigma_[static_cast<std::size_t>(c)] = T{0};
+    }
+  }
 }
 
 template <class T>
@@ -226,7 +231,7 @@ void MoveStep<T>::prepare(const double* next, std::size_t count, std::size_t col
 
 template <class T>
 bool MoveStep<T>::move(const T* const* before, T* const* after, T* log_likelihood, std::size_t n, std::size_t first,
-                       const RandomStream& noise, std::uint64_t stride) const {
+                       const RandomStream& noise, std::uint64_t stride, bool noisy) const {
   using namespace move_detail;
   if (next_ != nullptr) {
     for (std::size_t i = 0; i < n; ++i) {
@@ -235,23 +240,27 @@ bool MoveStep<T>::move(const T* const* before, T* const* after, T* log_likelihoo
     }
   } else {
     std::array<float, kMaxNormals * kChunk> normals;
-    const auto fill = [&](std::size_t k) {
+    const auto fill = [&](std::size_t k, bool drawn) {
+      if (!drawn) {
+        std::fill_n(normals.begin() + static_cast<std::ptrdiff_t>(k * kChunk), n, 0.0F);
+        return;
+      }
       RandomStream draws = noise;
       draws.seek(k * stride + first);
       draws.fill_normal(std::span(normals).subspan(k * kChunk, n));
     };
-    for (std::size_t k = 0; k < motion_normals_; ++k) fill(k);
+    for (std::size_t k = 0; k < motion_normals_; ++k) fill(k, noisy);
     if (kernel_ != nullptr) {
       kernel_(motion_, input_, dt_s_, roles_, before, after, normals.data(), n, wide_);
     }
     if (clock_) {
-      fill(motion_normals_);
-      fill(motion_normals_ + 1);
+      fill(motion_normals_, noisy && !exact_clock_);
+      fill(motion_normals_ + 1, noisy && !exact_clock_);
       run_motion<clock::TwoState<>, ClockState, T>(&motions_.clock, nullptr, dt_s_, roles_, before, after,
                                                    normals.data() + motion_normals_ * kChunk, n, wide_);
     }
     for (std::size_t c = 0; c < columns_; ++c) {
-      if (sigma_[c] > T{0}) fill(first_diffusion_ + c);
+      if (sigma_[c] > T{0}) fill(first_diffusion_ + c, noisy);
     }
     const DiffuseBody<T> diffuse{
         columns_, sigma_.data(), moved_.data(), before, after, normals.data() + first_diffusion_ * kChunk, n};

@@ -59,8 +59,10 @@ class MoveStep {
   template <int Size>
   [[nodiscard]] bool move(const soopnav::detail::MoveChunk<T, Size>& chunk) const {
     return move(chunk.before.data(), chunk.after.data(), chunk.log_likelihood, chunk.n, chunk.first, chunk.noise,
-                chunk.stride);
+                chunk.stride, chunk.noisy);
   }
+  /// From now on: whether the clock is kept exact for each particle, so that its noise is not drawn.
+  void keep_clock_exact(bool exact) noexcept { exact_clock_ = exact; }
 
   using Kernel = void (*)(const void* motion, const double* input, double dt_s, const RoleMap& roles,
                           const T* const* before, T* const* after, const float* normals, std::size_t n, bool wide);
@@ -80,9 +82,10 @@ class MoveStep {
     clock::TwoState<> clock;
   };
   [[nodiscard]] bool move(const T* const* before, T* const* after, T* log_likelihood, std::size_t n, std::size_t first,
-                          const RandomStream& noise, std::uint64_t stride) const;
+                          const RandomStream& noise, std::uint64_t stride, bool noisy) const;
 
   RoleMap roles_;
+  bool exact_clock_ = false;
   std::size_t columns_ = 0;
   bool wide_ = false;
   double dt_s_ = 0.0;
@@ -118,6 +121,8 @@ class WeighStep {
   /// Sum of the logarithms of the peaks.
   [[nodiscard]] double constant() const noexcept;
   void weigh(const T* const* before, const T* const* after, T* log_likelihood, std::size_t n) const;
+  /// z - h of all rows, at most kMaxGroupRows: row i of particle k is `out[i * kParticleChunk + k]`.
+  void residuals(const T* const* columns, T* out, std::size_t n) const;
 
   using Kernel = void (*)(const void* model, const T* z, const RoleMap& roles, const T* const* columns, T* residuals,
                           std::size_t n, bool wide);

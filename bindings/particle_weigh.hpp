@@ -215,6 +215,19 @@ double WeighStep<T>::constant() const noexcept {
 }
 
 template <class T>
+void WeighStep<T>::residuals(const T* const* columns, T* out, std::size_t n) const {
+  std::size_t row = 0;
+  for (std::size_t g = 0; g < used_; ++g) {
+    const T* z = groups_[g].z.data();
+    for (const Part& part : groups_[g].parts) {
+      part.kernel(part.model, z, roles_, columns, out + row * weigh_detail::kChunk, n, wide_);
+      z += part.rows;
+      row += part.rows;
+    }
+  }
+}
+
+template <class T>
 void WeighStep<T>::weigh(const T* const* before, const T* const* after, T* log_likelihood, std::size_t n) const {
   using namespace weigh_detail;
   std::array<T, kMaxGroupRows * kChunk> residuals;

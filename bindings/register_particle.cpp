@@ -81,10 +81,27 @@ void set_state(CloudSettings& settings, const std::string& state, std::size_t si
 std::unique_ptr<ParticleCloud> make_cloud(const ParticlePrior& prior, const std::string& state, std::size_t size,
                                           const std::optional<std::vector<std::string>>& names, std::size_t count,
                                           std::uint64_t seed, int threads, Resampling resampling, double ess_threshold,
-                                          bool single, bool restart, bool portable) {
+                                          bool single, bool restart, bool portable, bool auxiliary,
+                                          double regularisation, const AdaptiveCount& adaptive,
+                                          bool marginalized_clock) {
   CloudSettings settings;
   set_state(settings, state, size, names);
-  settings.options = {count, seed, threads, resampling, ess_threshold, portable};
+  settings.options = {.count = count,
+                      .seed = seed,
+                      .threads = threads,
+                      .resampling = resampling,
+                      .ess_threshold = ess_threshold,
+                      .auxiliary = auxiliary,
+                      .regularisation = regularisation,
+                      .adaptive = adaptive,
+                      .portable_kernels = portable};
+  if (marginalized_clock) {
+    for (const int column : {settings.roles.clock_bias, settings.roles.clock_drift}) {
+      if (column >= 0) settings.clock.push_back(column);
+    }
+    if (settings.clock.empty())
+      throw py::value_error("marginalized_clock: the state '" + settings.state + "' has no clock");
+  }
   settings.single = single;
   settings.restart = restart;
   const py::gil_scoped_release release;
@@ -92,7 +109,7 @@ std::unique_ptr<ParticleCloud> make_cloud(const ParticlePrior& prior, const std:
 }
 
 py::tuple run(ParticleCloud& cloud, const Numbers<"time_s">& time_s, std::optional<double> start_s,
-              const AnyProcess* process, const std::optional<Numbers<"inputs">>& inputs,
+              std::optional<const AnyProcess*> process, const std::optional<Numbers<"inputs">>& inputs,
               const std::vector<RunTuple>& measurements, bool covariance) {
   std::vector<RunObservations> all;
   for (const auto& [models, z, variances, R, each, mask, probability, density] : measurements) {
@@ -110,8 +127,8 @@ py::tuple run(ParticleCloud& cloud, const Numbers<"time_s">& time_s, std::option
   CloudRun result;
   {
     const py::gil_scoped_release release;
-    result = cloud.run(time_s.span(), start_s, process, inputs ? inputs->span() : std::span<const double>{}, all,
-                       covariance);
+    result = cloud.run(time_s.span(), start_s, process.value_or(nullptr),
+                       inputs ? inputs->span() : std::span<const double>{}, all, covariance);
   }
   const auto steps = static_cast<py::ssize_t>(result.ess.size());
   const auto n = static_cast<py::ssize_t>(cloud.size());
@@ -119,7 +136,7 @@ py::tuple run(ParticleCloud& cloud, const Numbers<"time_s">& time_s, std::option
   if (covariance) P = to_array(std::move(result.covariance), {steps, n, n});
   return py::make_tuple(to_array(std::move(result.mean), {steps, n}), std::move(P), to_array(std::move(result.ess)),
                         to_array(std::move(result.log_likelihood)), to_array(std::move(result.status)),
-                        to_array(std::move(result.resampled)));
+                        to_array(std::move(result.resampled)), to_array(std::move(result.count)));
 }
 
 // A function of the cloud's that returns numbers, without the GIL.
@@ -129,8 +146,8 @@ auto released(const F& f) {
   return f();
 }
 
-py::array_t<double> columns(std::vector<double>&& components, std::size_t count, std::size_t size) {
-  const auto n = static_cast<py::ssize_t>(count);
+py::array_t<double> columns(std::vector<double>&& components, std::size_t size) {
+  const auto n = static_cast<py::ssize_t>(components.size() / size);
   return py::array_t<double>(
       py::object(to_array(std::move(components), {static_cast<py::ssize_t>(size), n}).attr("T")));
 }
@@ -176,6 +193,14 @@ void register_particle(py::module_& m) {
       },
       py::arg("report"), py::arg("resampled"), "The report of a weighing that followed a prediction.");
 
+  py::class_<AdaptiveCount>(m, "AdaptiveCount", "A number of particles that follows the spread of the cloud.")
+      .def(
+          py::init([](const Numbers<"bin_sizes">& bin_sizes, std::size_t least, double divergence, double probability) {
+            const std::span<const double> sizes = bin_sizes.span();
+            return AdaptiveCount{{sizes.begin(), sizes.end()}, least, divergence, probability};
+          }),
+          py::arg("bin_sizes"), py::arg("least"), py::arg("divergence"), py::arg("probability"));
+
   py::class_<ParticlePrior>(m, "ParticlePrior", "Where particles are drawn from.");
   m.def("gaussian_prior", &gaussian, py::arg("x0"), py::arg("P0"));
   m.def("uniform_prior", &uniform, py::arg("low"), py::arg("high"));
@@ -184,18 +209,21 @@ void register_particle(py::module_& m) {
   py::class_<ParticleCloud>(m, "ParticleCloud", "A particle filter of a state chosen at run time.")
       .def(py::init(&make_cloud), py::arg("prior"), py::kw_only(), py::arg("state"), py::arg("size"), py::arg("names"),
            py::arg("count"), py::arg("seed"), py::arg("threads"), py::arg("resampling"), py::arg("ess_threshold"),
-           py::arg("single"), py::arg("restart"), py::arg("portable"))
+           py::arg("single"), py::arg("restart"), py::arg("portable"), py::arg("auxiliary"), py::arg("regularisation"),
+           py::arg("adaptive"), py::arg("marginalized_clock"))
+      .def_property_readonly("count", [](const ParticleCloud& c) { return released([&] { return c.count(); }); })
       .def_property_readonly("state", [](const ParticleCloud& c) { return c.settings().state; })
       .def_property_readonly("component_names", [](const ParticleCloud& c) { return c.settings().names; })
       .def(
           "step",
-          [](ParticleCloud& c, const AnyProcess* process, const std::optional<Numbers<"input">>& input, double dt_s,
-             const std::vector<ObservationTuple>& observations) {
+          [](ParticleCloud& c, std::optional<const AnyProcess*> process, const std::optional<Numbers<"input">>& input,
+             double dt_s, const std::vector<ObservationTuple>& observations) {
             const std::vector<Observations> all = observations_of(observations);
-            return released(
-                [&] { return c.step(process, input ? input->span() : std::span<const double>{}, dt_s, all); });
+            return released([&] {
+              return c.step(process.value_or(nullptr), input ? input->span() : std::span<const double>{}, dt_s, all);
+            });
           },
-          py::arg("process").none(true), py::arg("input").none(true), py::arg("dt_s"), py::arg("observations"))
+          py::arg("process"), py::arg("input"), py::arg("dt_s"), py::arg("observations"))
       .def(
           "step_to",
           [](ParticleCloud& c, const Numbers<"x_next">& next, const std::vector<ObservationTuple>& observations) {
@@ -236,22 +264,24 @@ void register_particle(py::module_& m) {
             }
             return released([&] { return c.constrain(std::move(constraints)); });
           },
-          py::arg("walls").none(true), py::arg("inside").none(true))
+          py::arg("walls"), py::arg("inside"))
       .def("resample", &ParticleCloud::resample, py::call_guard<py::gil_scoped_release>())
       .def("next_particles",
            [](ParticleCloud& c) {
-             return to_array(released([&] { return c.next_particles(); }),
-                             {static_cast<py::ssize_t>(c.count()), static_cast<py::ssize_t>(c.size())});
+             std::vector<double> rows = released([&] { return c.next_particles(); });
+             const std::size_t count = rows.size() / c.size();
+             return to_array(std::move(rows), {static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(c.size())});
            })
       .def(
           "next_noise",
           [](ParticleCloud& c, std::size_t numbers) {
-            return to_array(released([&] { return c.next_noise(numbers); }),
-                            {static_cast<py::ssize_t>(c.count()), static_cast<py::ssize_t>(numbers)});
+            std::vector<double> rows = released([&] { return c.next_noise(numbers); });
+            const std::size_t count = numbers == 0 ? c.count() : rows.size() / numbers;
+            return to_array(std::move(rows), {static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(numbers)});
           },
           py::arg("numbers"))
-      .def("run", &run, py::arg("time_s"), py::arg("start_s").none(true), py::arg("process").none(true),
-           py::arg("inputs").none(true), py::arg("measurements"), py::arg("covariance"))
+      .def("run", &run, py::arg("time_s"), py::arg("start_s"), py::arg("process"), py::arg("inputs"),
+           py::arg("measurements"), py::arg("covariance"))
       .def_property_readonly("mean",
                              [](const ParticleCloud& c) {
                                const Eigen::VectorXd x = released([&] { return c.mean(); });
@@ -270,7 +300,7 @@ void register_particle(py::module_& m) {
                              [](const ParticleCloud& c) { return released([&] { return c.storage_bytes(); }); })
       .def_property_readonly(
           "particles",
-          [](const ParticleCloud& c) { return columns(released([&] { return c.particles(); }), c.count(), c.size()); })
+          [](const ParticleCloud& c) { return columns(released([&] { return c.particles(); }), c.size()); })
       .def_property_readonly("weights",
                              [](const ParticleCloud& c) { return to_array(released([&] { return c.weights(); })); })
       .def(
@@ -284,16 +314,17 @@ void register_particle(py::module_& m) {
       .def("save",
            [](const ParticleCloud& c) {
              CloudSnapshot s = released([&] { return c.save(); });
-             return py::make_tuple(columns(std::move(s.components), c.count(), c.size()),
-                                   to_array(std::move(s.log_weights)), s.log_likelihood, s.steps, s.restarts);
+             return py::make_tuple(columns(std::move(s.components), c.size()), to_array(std::move(s.log_weights)),
+                                   s.log_likelihood, s.steps, s.restarts, to_array(std::move(s.clock_covariance)));
            })
       .def(
           "restore",
           [](ParticleCloud& c, const Numbers<"particles">& particles, const Numbers<"log_weights">& log_weights,
-             double log_likelihood, std::uint64_t steps, std::uint64_t restarts) {
+             double log_likelihood, std::uint64_t steps, std::uint64_t restarts,
+             const Numbers<"clock_covariance">& clock_covariance) {
             CloudSnapshot s;
-            const std::size_t count = c.count();
             const std::size_t size = c.size();
+            const std::size_t count = log_weights.span().size();
             const std::span<const double> rows = particles.span();
             if (rows.size() != count * size) throw py::value_error("particles: wrong shape");
             s.components.resize(rows.size());
@@ -304,13 +335,14 @@ void register_particle(py::module_& m) {
             s.log_likelihood = log_likelihood;
             s.steps = steps;
             s.restarts = restarts;
+            s.clock_covariance.assign(clock_covariance.span().begin(), clock_covariance.span().end());
             released([&] {
               c.restore(s);
               return 0;
             });
           },
           py::arg("particles"), py::arg("log_weights"), py::arg("log_likelihood"), py::arg("steps"),
-          py::arg("restarts"));
+          py::arg("restarts"), py::arg("clock_covariance"));
 }
 
 }  // namespace soopnav::python

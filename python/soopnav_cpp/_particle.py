@@ -5,17 +5,34 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._core import estimation as _estimation
-from soopnav_cpp._core.estimation import ParticleCloud, ParticlePrior, ParticleReport, ParticleStatus, Resampling
+from soopnav_cpp._core.estimation import ParticleCloud, ParticleReport, ParticleStatus, Resampling
 from soopnav_cpp._core.measurement import Measurement
 from soopnav_cpp._core.process import Process
+from soopnav_cpp._particle_data import (
+    AdaptiveCount,
+    Array,
+    Gaussian,
+    Measured,
+    Observation,
+    ParticleRun,
+    Prior,
+    Samples,
+    Uniform,
+    core_prior,
+    measured_of,
+    observation_of,
+    series_of,
+    vector,
+)
 
 __all__ = [
+    "AdaptiveCount",
     "Gaussian",
     "Measured",
     "ParticleFilter",
@@ -26,238 +43,10 @@ __all__ = [
     "Uniform",
 ]
 
-_Array: TypeAlias = npt.NDArray[np.float64]
-Likelihood: TypeAlias = Callable[[_Array], npt.ArrayLike]
+Likelihood: TypeAlias = Callable[[Array], npt.ArrayLike]
 """Log-likelihoods (N,) of particles (N, n)."""
-Transition: TypeAlias = Callable[[_Array, _Array], npt.ArrayLike]
+Transition: TypeAlias = Callable[[Array, Array], npt.ArrayLike]
 """Next particles (N, n) from particles (N, n) and standard normals (N, k)."""
-_Observation: TypeAlias = tuple[list[Measurement], _Array, _Array | None, _Array | None, float, float]
-
-
-@dataclass(frozen=True)
-class Gaussian:
-    """Particles drawn from a normal distribution.
-
-    Attributes
-    ----------
-    x0 : array_like, shape (n,)
-    P0 : array_like, shape (n, n)
-        Positive semi-definite: components without variance start where `x0` says.
-    """
-
-    x0: npt.ArrayLike
-    P0: npt.ArrayLike
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Particles drawn uniformly from a box.
-
-    Attributes
-    ----------
-    low : array_like, shape (n,), or (n, 2)
-        Lower bounds; or both bounds of each component, without `high`.
-    high : array_like, shape (n,), optional
-    """
-
-    low: npt.ArrayLike
-    high: npt.ArrayLike | None = None
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Particles as they are, of equal weight.
-
-    Attributes
-    ----------
-    particles : array_like, shape (N, n)
-    """
-
-    particles: npt.ArrayLike
-
-
-Prior: TypeAlias = Gaussian | Uniform | Samples
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Measurements over time, for `ParticleFilter.run`: m rows at each of T times.
-
-    Attributes
-    ----------
-    model : measurement model, or a sequence of them
-        Their rows stand one behind the other in `z`.
-    z : array_like, shape (T, m), or (T,) for m = 1
-    sigma : array_like, optional
-        Standard deviations of independent rows: a number, (m,) or (T, m).
-    R : array_like, shape (m, m) or (T, m, m), optional
-        Covariance, in place of `sigma`; at most 16 rows.
-    mask : array_like of bool, shape (T,), optional
-        False where there is no measurement; what stands there is not read.
-    outlier_probability, outlier_density : float
-        See `ParticleFilter.update`.
-    """
-
-    model: Measurement | Sequence[Measurement]
-    z: npt.ArrayLike
-    sigma: npt.ArrayLike | None = None
-    R: npt.ArrayLike | None = None
-    mask: npt.ArrayLike | None = None
-    outlier_probability: float = 0.0
-    outlier_density: float = 0.0
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class ParticleRun:
-    """What a particle filter estimated over T times.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (T, n)
-        Weighted mean after each step, before any resampling.
-    covariance : ndarray, shape (T, n, n), or None
-        Of the cloud; None when it was not asked for.
-    ess : ndarray, shape (T,)
-        Effective sample size, 1 … N.
-    step_log_likelihood : ndarray, shape (T,)
-        Estimate of the logarithm of the density of each measurement given those before; -inf where every weight
-        vanished, NaN where the measurement was refused.
-    status : ndarray of uint8, shape (T,)
-        A `ParticleStatus` for each time.
-    resampled : ndarray of bool, shape (T,)
-        Whether the step began by resampling.
-    """
-
-    mean: _Array
-    covariance: _Array | None
-    ess: _Array
-    step_log_likelihood: _Array
-    status: npt.NDArray[np.uint8]
-    resampled: npt.NDArray[np.bool_]
-
-    @property
-    def log_likelihood(self) -> float:
-        """Of the whole run."""
-        return float(self.step_log_likelihood.sum())
-
-    def __repr__(self) -> str:
-        steps, n = self.mean.shape
-        counts = [(int(np.count_nonzero(self.status == s)), s.name.lower().replace("_", " ")) for s in ParticleStatus]
-        parts = [f"{steps} steps", f"{n} states"] + [f"{count} {name}" for count, name in counts if count]
-        if steps:
-            parts += [f"ess {self.ess.min():.4g} … {self.ess.max():.4g}", f"{int(self.resampled.sum())} resampled"]
-        return f"ParticleRun({', '.join(parts)}, log-likelihood {self.log_likelihood:.6g})"
-
-
-def _vector(value: npt.ArrayLike, name: str) -> _Array:
-    array = np.atleast_1d(np.asarray(value, np.float64))
-    if array.ndim != 1:
-        raise ValueError(f"{name}: expected one axis, got shape {array.shape}")
-    return array
-
-
-def _models(model: Measurement | Sequence[Measurement], name: str) -> list[Measurement]:
-    models = list(model) if isinstance(model, (list, tuple)) else [cast(Measurement, model)]
-    if not models:
-        raise ValueError(f"{name}: no measurement model")
-    for item in models:
-        if not isinstance(item, Measurement):
-            raise ValueError(f"{name}: a measurement model expected, got {type(item).__name__}")
-    return models
-
-
-def _outliers(probability: float, density: float, full: bool, name: str) -> tuple[float, float]:
-    if not 0.0 <= probability <= 1.0:
-        raise ValueError(f"{name}outlier_probability: {probability} is not in 0 … 1")
-    if probability > 0.0 and not (density > 0.0 and np.isfinite(density)):
-        raise ValueError(f"{name}outlier_density: {density}; a positive number expected with outlier_probability")
-    if probability > 0.0 and full:
-        raise ValueError(f"{name}outlier_probability: only with sigma, not with R")
-    return float(probability), float(density)
-
-
-def _variances(sigma: npt.ArrayLike) -> _Array:
-    values = np.asarray(sigma, np.float64)
-    return values * np.abs(values)  # a negative sigma is refused as a negative variance
-
-
-def _one_noise(sigma: npt.ArrayLike | None, R: npt.ArrayLike | None, name: str) -> None:
-    if (sigma is None) == (R is None):
-        raise ValueError(f"{name}sigma, R: one of them expected, got {'none' if sigma is None else 'both'}")
-
-
-def _observation(
-    model: Measurement | Sequence[Measurement],
-    z: npt.ArrayLike,
-    sigma: npt.ArrayLike | None,
-    R: npt.ArrayLike | None,
-    probability: float,
-    density: float,
-) -> _Observation:
-    models = _models(model, "model")
-    m = sum(item.rows for item in models)
-    values = _vector(z, "z")
-    if len(values) != m:
-        raise ValueError(f"z: {len(values)} numbers; the model has {m} rows")
-    _one_noise(sigma, R, "")
-    chance, floor = _outliers(probability, density, R is not None, "")
-    if sigma is not None:
-        variances = _variances(sigma)
-        if variances.shape not in ((), (m,)):
-            raise ValueError(f"sigma: shape {variances.shape}, expected a number or ({m},)")
-        return models, values, np.broadcast_to(variances, (m,)).copy(), None, chance, floor
-    covariance = np.asarray(R, np.float64)
-    if covariance.ndim == 0 and m == 1:
-        covariance = covariance.reshape(1, 1)
-    if covariance.shape != (m, m):
-        raise ValueError(f"R: shape {covariance.shape}, expected ({m}, {m})")
-    return models, values, None, covariance, chance, floor
-
-
-def _series(measured: Measured, steps: int, name: str) -> tuple[Any, ...]:
-    models = _models(measured.model, f"{name}.model")
-    m = sum(item.rows for item in models)
-    z = np.asarray(measured.z, np.float64)
-    if z.ndim == 1 and m == 1:
-        z = z[:, np.newaxis]
-    if z.shape != (steps, m):
-        raise ValueError(f"{name}.z: shape {z.shape}, expected ({steps}, {m})")
-    _one_noise(measured.sigma, measured.R, f"{name}.")
-    chance, floor = _outliers(
-        measured.outlier_probability, measured.outlier_density, measured.R is not None, f"{name}."
-    )
-    mask: npt.NDArray[np.uint8] | None = None
-    if measured.mask is not None:
-        flags = np.asarray(measured.mask)
-        if flags.dtype != np.bool_ or flags.shape != (steps,):
-            raise ValueError(f"{name}.mask: expected bool ({steps},), got {flags.dtype} {flags.shape}")
-        mask = flags.astype(np.uint8)
-    if measured.sigma is not None:
-        variances = _variances(measured.sigma)
-        if variances.shape not in ((), (m,), (steps, m)):
-            raise ValueError(f"{name}.sigma: shape {variances.shape}, expected a number, ({m},) or ({steps}, {m})")
-        each = variances.ndim == 2
-        variances = variances if each else np.broadcast_to(variances, (m,)).copy()
-        return models, z, variances, None, each, mask, chance, floor
-    covariance = np.asarray(measured.R, np.float64)
-    if covariance.ndim == 0 and m == 1:
-        covariance = covariance.reshape(1, 1)
-    if covariance.shape not in ((m, m), (steps, m, m)):
-        raise ValueError(f"{name}.R: shape {covariance.shape}, expected ({m}, {m}) or ({steps}, {m}, {m})")
-    return models, z, None, covariance, covariance.ndim == 3, mask, chance, floor
-
-
-def _measured(group: Measured | tuple[Any, ...], name: str) -> Measured:
-    if isinstance(group, Measured):
-        return group
-    if not isinstance(group, tuple) or len(group) not in (3, 4):
-        raise ValueError(f"{name}: Measured, (model, z, R) or (model, z, R, mask) expected, got {type(group).__name__}")
-    model, z, R = group[:3]
-    mask = group[3] if len(group) == 4 else None
-    if np.ndim(R) > 1:
-        return Measured(model, z, R=R, mask=mask)
-    variances = np.asarray(R, np.float64)
-    return Measured(model, z, sigma=np.copysign(np.sqrt(np.abs(variances)), variances), mask=mask)
 
 
 _RESAMPLING = {scheme.name.lower(): scheme for scheme in Resampling}
@@ -276,8 +65,12 @@ class _Settings:
     ess_threshold: float
     precision: str
     recovery: str
-    walls: _Array | None = None
-    inside: _Array | None = None
+    auxiliary: bool = False
+    regularisation: float = 0.0
+    adaptive: AdaptiveCount | None = None
+    marginalized_clock: bool = False
+    walls: Array | None = None
+    inside: Array | None = None
 
 
 def _integer(value: Any, name: str, low: int, high: int) -> int:
@@ -296,32 +89,14 @@ def _one_of(value: str, name: str, choices: Sequence[str]) -> str:
     return value
 
 
-def _core_prior(prior: Prior) -> tuple[ParticlePrior, int]:
-    """The engine's prior, and the number of components."""
-    if isinstance(prior, Gaussian):
-        x0 = _vector(prior.x0, "prior.x0")
-        P0 = np.asarray(prior.P0, np.float64)
-        P0 = P0.reshape(1, 1) if P0.ndim == 0 else P0
-        if P0.shape != (len(x0), len(x0)):
-            raise ValueError(f"prior.P0: shape {P0.shape}, expected ({len(x0)}, {len(x0)})")
-        return _estimation.gaussian_prior(x0, P0), len(x0)
-    if isinstance(prior, Uniform):
-        if prior.high is None:
-            box = np.asarray(prior.low, np.float64)
-            if box.ndim != 2 or box.shape[1] != 2:
-                raise ValueError(f"prior.low: shape {box.shape}; (n, 2) expected without high")
-            low, high = box[:, 0], box[:, 1]
-        else:
-            low, high = _vector(prior.low, "prior.low"), _vector(prior.high, "prior.high")
-            if low.shape != high.shape:
-                raise ValueError(f"prior.high: shape {high.shape}, expected that of low, {low.shape}")
-        return _estimation.uniform_prior(low, high), len(low)
-    if isinstance(prior, Samples):
-        particles = np.asarray(prior.particles, np.float64)
-        if particles.ndim != 2 or particles.size == 0:
-            raise ValueError(f"prior.particles: shape {particles.shape}, expected (N, n), not empty")
-        return _estimation.sample_prior(particles), particles.shape[1]
-    raise ValueError(f"prior: Gaussian, Uniform or Samples expected, got {type(prior).__name__}")
+def _core_adaptive(adaptive: AdaptiveCount | None) -> _estimation.AdaptiveCount:
+    if adaptive is None:
+        return _estimation.AdaptiveCount([], 1, 1.0, 0.99)
+    sizes = vector(adaptive.bin_sizes, "adaptive.bin_sizes")
+    if len(sizes) == 0:
+        raise ValueError("adaptive.bin_sizes: one number for each component expected, got none")
+    least = _integer(adaptive.least, "adaptive.least", 1, 2**31 - 1)
+    return _estimation.AdaptiveCount(sizes, least, float(adaptive.divergence), float(adaptive.probability))
 
 
 class ParticleFilter:
@@ -355,6 +130,18 @@ class ParticleFilter:
     precision : {"double", "float"}
         ``"float"`` takes half the memory, for states of 2 and 5 components.
     recovery : {"keep", "restart"}
+    auxiliary : bool
+        Look at the measurement before resampling (Pitt and Shephard): for measurements much sharper than the cloud and
+        process noise no wider than they are. For process models, not callables.
+    regularisation : float
+        Width of the kernel that copies are spread with after resampling, 0 … 2; 1 is best for a normal density. Mean
+        and covariance are kept. For process noise too small to part the copies.
+    adaptive : AdaptiveCount, optional
+        Let the number of particles follow their spread; `count` is then the most, and the first. Not with `auxiliary`.
+    marginalized_clock : bool
+        Rao-Blackwellised: clock bias and drift have a Kalman filter for each particle instead of being sampled, so the
+        rest needs far fewer particles. For Gaussian priors whose clock is not correlated with the rest, process models
+        and measurements without outliers, at most 16 rows at a time; `particles` then holds the clock's means.
 
     Examples
     --------
@@ -379,6 +166,10 @@ class ParticleFilter:
         ess_threshold: float = 0.5,
         precision: str = "double",
         recovery: str = "keep",
+        auxiliary: bool = False,
+        regularisation: float = 0.0,
+        adaptive: AdaptiveCount | None = None,
+        marginalized_clock: bool = False,
     ) -> None:
         names = tuple(state) if state is not None and not isinstance(state, str) else state
         self._settings = _Settings(
@@ -391,12 +182,16 @@ class ParticleFilter:
             float(ess_threshold),
             _one_of(precision, "precision", ("double", "float")),
             _one_of(recovery, "recovery", ("keep", "restart")),
+            bool(auxiliary),
+            float(regularisation),
+            adaptive,
+            bool(marginalized_clock),
         )
         self._cloud = self._make()
 
     def _make(self) -> ParticleCloud:
         s = self._settings
-        prior, size = _core_prior(s.prior)
+        prior, size = core_prior(s.prior)
         names = list(s.state) if isinstance(s.state, tuple) else None
         if names is not None and len(names) != size:
             raise ValueError(f"state: {len(names)} names; the prior has {size} components")
@@ -415,14 +210,18 @@ class ParticleFilter:
             single=s.precision == "float",
             restart=s.recovery == "restart",
             portable=False,
+            auxiliary=s.auxiliary,
+            regularisation=s.regularisation,
+            adaptive=_core_adaptive(s.adaptive),
+            marginalized_clock=s.marginalized_clock,
         )
 
     # -- reading
 
     @property
     def count(self) -> int:
-        """N, particles."""
-        return self._settings.count
+        """N, particles there are; the number asked for, unless it is adaptive."""
+        return int(self._cloud.count)
 
     @property
     def state(self) -> str:
@@ -435,12 +234,12 @@ class ParticleFilter:
         return list(self._cloud.component_names)
 
     @property
-    def mean(self) -> _Array:
+    def mean(self) -> Array:
         """Weighted mean, shape (n,); of a heading, the direction of the mean direction."""
         return self._cloud.mean
 
     @property
-    def covariance(self) -> _Array:
+    def covariance(self) -> Array:
         """Weighted covariance about the mean, shape (n, n)."""
         return self._cloud.covariance
 
@@ -455,12 +254,12 @@ class ParticleFilter:
         return float(self._cloud.log_likelihood)
 
     @property
-    def particles(self) -> _Array:
+    def particles(self) -> Array:
         """The particles, shape (N, n): a copy. They count by their `weights`."""
         return self._cloud.particles
 
     @property
-    def weights(self) -> _Array:
+    def weights(self) -> Array:
         """Normalised weights, shape (N,): a copy."""
         return self._cloud.weights
 
@@ -471,7 +270,7 @@ class ParticleFilter:
 
     def histogram(
         self, component: int | str, bins: int = 50, range: tuple[float, float] | None = None
-    ) -> tuple[_Array, _Array]:
+    ) -> tuple[Array, Array]:
         """Marginal distribution of one component.
 
         Parameters
@@ -508,7 +307,7 @@ class ParticleFilter:
 
     def __repr__(self) -> str:
         s = self._settings
-        parts = [f"{s.count} particles", self.state, f"ess {self.ess:.4g}", f"seed {s.seed}"]
+        parts = [f"{self.count} particles", self.state, f"ess {self.ess:.4g}", f"seed {s.seed}"]
         return f"ParticleFilter({', '.join(parts)})"
 
     # -- stepping
@@ -568,7 +367,7 @@ class ParticleFilter:
             For shapes that do not fit and models that the state lacks something for. Numbers that do not fit are
             reported, not raised.
         """
-        observation = _observation(model, z, sigma, R, outlier_probability, outlier_density)
+        observation = observation_of(model, z, sigma, R, outlier_probability, outlier_density)
         return self._cloud.update([observation])
 
     def step(
@@ -600,9 +399,9 @@ class ParticleFilter:
         if not callable(likelihood):
             if z is None:
                 raise ValueError("z: expected with a measurement model")
-            observation = _observation(likelihood, z, sigma, R, outlier_probability, outlier_density)
+            observation = observation_of(likelihood, z, sigma, R, outlier_probability, outlier_density)
             if process is None:
-                return self._cloud.step(cast(Any, None), None, 0.0, [observation])
+                return self._cloud.step(None, None, 0.0, [observation])
             return self._move(process, dt_s, input, noise, [observation])
         if z is not None or sigma is not None or R is not None:
             raise ValueError("z, sigma, R: not with a likelihood of your own")
@@ -676,7 +475,7 @@ class ParticleFilter:
         dt_s: float,
         input: npt.ArrayLike | None,
         noise: int | None,
-        observations: list[_Observation],
+        observations: list[Observation],
     ) -> ParticleReport:
         if callable(process):
             if input is not None:
@@ -689,7 +488,7 @@ class ParticleFilter:
             return self._cloud.step_to(moved, observations)
         if not isinstance(process, Process):
             raise ValueError(f"process: a process model or a callable expected, got {type(process).__name__}")
-        driven = None if input is None else _vector(input, "input")
+        driven = None if input is None else vector(input, "input")
         return self._cloud.step(process, driven, float(dt_s), observations)
 
     # -- whole runs
@@ -728,54 +527,56 @@ class ParticleFilter:
             Naming the argument, for shapes that do not fit, times that do not rise and models that do not fit the
             state; the filter is then as it was.
         """
-        times = _vector(time_s, "time_s")
+        times = vector(time_s, "time_s")
         if callable(process):
             raise ValueError("process: a process model expected; a callable is for predict and step")
         if process is not None and not isinstance(process, Process):
             raise ValueError(f"process: a process model expected, got {type(process).__name__}")
         given = [measurements] if isinstance(measurements, Measured) else measurements
-        groups = [_measured(group, f"measurements[{index}]") for index, group in enumerate(given)]
-        series = [_series(group, len(times), f"measurements[{index}]") for index, group in enumerate(groups)]
+        groups = [measured_of(group, f"measurements[{index}]") for index, group in enumerate(given)]
+        series = [series_of(group, len(times), f"measurements[{index}]") for index, group in enumerate(groups)]
         size = 0 if process is None else process.input_size
         driven = None if inputs is None else np.asarray(inputs, np.float64)
         if size or driven is not None:
             shape = None if driven is None else driven.shape
             if shape != (len(times), size):
                 raise ValueError(f"inputs: shape {shape}, expected ({len(times)}, {size})")
-        mean, P, ess, log_likelihood, status, resampled = self._cloud.run(
-            times, start_s, cast(Any, process), driven, series, covariance
+        mean, P, ess, log_likelihood, status, resampled, count = self._cloud.run(
+            times, start_s, process, driven, series, covariance
         )
-        return ParticleRun(mean, P, ess, log_likelihood, status, resampled.astype(np.bool_))
+        return ParticleRun(mean, P, ess, log_likelihood, status, resampled.astype(np.bool_), count)
 
     # -- keeping
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """All that changes, as arrays: for ``numpy.savez`` and `restore`."""
-        particles, log_weights, log_likelihood, steps, restarts = self._cloud.save()
+        particles, log_weights, log_likelihood, steps, restarts, clock_covariance = self._cloud.save()
         return {
             "particles": particles,
             "log_weights": log_weights,
             "log_likelihood": np.array(log_likelihood),
             "steps": np.array(steps, np.uint64),
             "restarts": np.array(restarts, np.uint64),
+            "clock_covariance": clock_covariance,
         }
 
     def restore(self, saved: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over what another filter of the same settings gave from `save`; it goes on with the same bits."""
-        missing = [
-            name for name in ("particles", "log_weights", "log_likelihood", "steps", "restarts") if name not in saved
-        ]
+        wanted = ("particles", "log_weights", "log_likelihood", "steps", "restarts", "clock_covariance")
+        missing = [name for name in wanted if name not in saved]
         if missing:
             raise ValueError(f"saved: no {', '.join(missing)}")
         n = len(self.component_names)
-        if np.shape(saved["particles"]) != (self.count, n):
-            raise ValueError(f"saved['particles']: shape {np.shape(saved['particles'])}, expected ({self.count}, {n})")
+        count = len(np.atleast_1d(saved["log_weights"])) if self._settings.adaptive else self._settings.count
+        if np.shape(saved["particles"]) != (count, n):
+            raise ValueError(f"saved['particles']: shape {np.shape(saved['particles'])}, expected ({count}, {n})")
         self._cloud.restore(
             saved["particles"],
             saved["log_weights"],
             float(saved["log_likelihood"]),
             int(saved["steps"]),
             int(saved["restarts"]),
+            saved["clock_covariance"],
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from soopnav_cpp._kalman import (
 )
 from soopnav_cpp._linear import LinearFilterResult, StepStatus, linear_filter, rts_smooth
 from soopnav_cpp._particle import (
+    AdaptiveCount,
     Gaussian,
     Measured,
     ParticleFilter,
@@ -45,6 +46,7 @@ from soopnav_cpp._particle import (
 from soopnav_cpp._track import track_jacobian
 
 __all__ = [
+    "AdaptiveCount",
     "Crlb",
     "Dop",
     "ErrorEllipse",

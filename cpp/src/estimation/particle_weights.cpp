@@ -144,5 +144,6 @@ WeightSums join(std::span<const WeightSums> chunks) noexcept {
 
 double portable_exp(double x) noexcept { return exp(Packet<double>(x))[0]; }
 double portable_log(double x) noexcept { return log(Packet<double>(x))[0]; }
+double portable_atan2(double y, double x) noexcept { return atan2(Packet<double>(y), Packet<double>(x))[0]; }
 
 }  // namespace soopnav::detail

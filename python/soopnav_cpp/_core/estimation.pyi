@@ -12,6 +12,7 @@ import soopnav_cpp._core.process
 import typing
 
 __all__: list[str] = [
+    "AdaptiveCount",
     "Dop",
     "ErrorEllipse",
     "KalmanFilter",
@@ -282,6 +283,18 @@ class ParticleReport:
         ParticleStatus
         """
 
+class AdaptiveCount:
+    """
+    A number of particles that follows the spread of the cloud.
+    """
+    def __init__(
+        self,
+        bin_sizes: numpy.typing.ArrayLike,
+        least: typing.SupportsInt | typing.SupportsIndex,
+        divergence: typing.SupportsFloat | typing.SupportsIndex,
+        probability: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
 class ParticlePrior:
     """
     Where particles are drawn from.
@@ -306,6 +319,10 @@ class ParticleCloud:
         single: bool,
         restart: bool,
         portable: bool,
+        auxiliary: bool,
+        regularisation: typing.SupportsFloat | typing.SupportsIndex,
+        adaptive: AdaptiveCount,
+        marginalized_clock: bool,
     ) -> None: ...
     def constrain(
         self, walls: numpy.typing.ArrayLike | None, inside: numpy.typing.ArrayLike | None
@@ -327,13 +344,14 @@ class ParticleCloud:
         log_likelihood: typing.SupportsFloat | typing.SupportsIndex,
         steps: typing.SupportsInt | typing.SupportsIndex,
         restarts: typing.SupportsInt | typing.SupportsIndex,
+        clock_covariance: numpy.typing.ArrayLike,
     ) -> None: ...
     def reweight(self, log_likelihood: numpy.typing.ArrayLike, may_resample: bool) -> ParticleReport: ...
     def run(
         self,
         time_s: numpy.typing.ArrayLike,
         start_s: typing.SupportsFloat | typing.SupportsIndex | None,
-        process: soopnav_cpp._core.process.Process,
+        process: soopnav_cpp._core.process.Process | None,
         inputs: numpy.typing.ArrayLike | None,
         measurements: collections.abc.Sequence[
             tuple[
@@ -351,10 +369,17 @@ class ParticleCloud:
     ) -> tuple: ...
     def save(
         self,
-    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], float, int, int]: ...
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        float,
+        int,
+        int,
+        numpy.typing.NDArray[numpy.float64],
+    ]: ...
     def step(
         self,
-        process: soopnav_cpp._core.process.Process,
+        process: soopnav_cpp._core.process.Process | None,
         input: numpy.typing.ArrayLike | None,
         dt_s: typing.SupportsFloat | typing.SupportsIndex,
         observations: collections.abc.Sequence[
@@ -397,6 +422,8 @@ class ParticleCloud:
     ) -> ParticleReport: ...
     @property
     def component_names(self) -> list[str]: ...
+    @property
+    def count(self) -> int: ...
     @property
     def covariance(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property

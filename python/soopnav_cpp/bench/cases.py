@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from soopnav_cpp import estimation
+from soopnav_cpp import estimation, measurement, process
 from soopnav_cpp.bench import systems
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 
@@ -43,6 +43,26 @@ RTS = Case(
 )
 
 
+def _planar_ins(data: Data) -> Timed:
+    steps, dt = len(data["u"]), float(data["dt"])
+    every = steps // len(data["z"])
+    z = np.full((steps, 3), np.nan)
+    z[every - 1 :: every] = -data["z"]  # there: how much nearer than at the start
+    heard = np.isfinite(z[:, 0])
+    times = dt * np.arange(1, steps + 1)
+    ins = process.PlanarMechanization(integration="euler", diffusion_psd=np.diagonal(data["Q"]) / dt)
+    models = [measurement.RangeDifference(q, data["p0"]) for q in data["transmitters"]]
+
+    def run() -> Any:
+        ekf = estimation.ExtendedKalmanFilter("planar_inertial", data["x0"], data["P0"])
+        return ekf.run(times, ins, [(models, z, data["R"], heard)], inputs=data["u"], start_s=0.0, history=False)
+
+    def answer(result: Any) -> list[float]:
+        return [*result.x[-1], *np.diagonal(result.P[-1])]
+
+    return run, answer
+
+
 def ekf_planar_ins(ours: Prepare) -> Case:
     """The EKF of `systems.planar_ins`; its answer is the last state and the diagonal of its covariance."""
     return Case(
@@ -64,7 +84,7 @@ def particle_bootstrap(ours: Prepare, *, single: bool = False) -> Case:
     ----------
     ours : callable
     single : bool
-        In single precision: NumPy then works in it as well, the packages do not know it.
+        Ours in single precision; NumPy as well, in a row beside the one with doubles.
     """
     return Case(
         name="particle/bootstrap-1e5-float" if single else "particle/bootstrap-1e5",
@@ -72,7 +92,8 @@ def particle_bootstrap(ours: Prepare, *, single: bool = False) -> Case:
         data=lambda: cast(Data, systems.range_cloud(100_000, 10)),
         ours=ours,
         peers=(
-            Peer("numpy", "numpy_peers", "bootstrap_float" if single else "bootstrap"),
+            Peer("numpy", "numpy_peers", "bootstrap"),
+            *((Peer("numpy-float", "numpy_peers", "bootstrap_float"),) if single else ()),
             Peer("particles", "particles_peers", "bootstrap", requirements=("particles==0.4", "numpy<2")),
             Peer("pfilter", "pfilter_peers", "bootstrap"),
             Peer("stonesoup", "stonesoup_peers", "bootstrap"),
@@ -81,4 +102,36 @@ def particle_bootstrap(ours: Prepare, *, single: bool = False) -> Case:
     )
 
 
-CASES: tuple[Case, ...] = (RTS,)
+def _bootstrap(precision: str) -> Prepare:
+    """Our bootstrap filter: built, and run in one call."""
+
+    def prepare(data: Data) -> Timed:
+        count, dt, sigma_b = int(data["particles"]), float(data["dt"]), float(data["sigma_b"])
+        motion = process.PiecewiseConstantAcceleration(
+            float(data["sigma_a"]), diffusion_psd=[0.0, 0.0, 0.0, 0.0, sigma_b**2 / dt]
+        )
+        models = [measurement.Pseudorange(node) for node in data["nodes"]]
+        measured = estimation.Measured(models, data["z"], float(data["sigma_z"]))
+        prior = estimation.Gaussian(data["x0"], np.diag(np.square(data["sigma0"])))
+        times = dt * np.arange(1.0, len(data["z"]) + 1)
+
+        def run() -> Any:
+            cloud = estimation.ParticleFilter(
+                count, prior=prior, state="position_velocity_bias2", seed=5, ess_threshold=1.0, precision=precision
+            )
+            return cloud.run(times, motion, measured, start_s=0.0, covariance=False)
+
+        def answer(result: Any) -> list[float]:
+            return [float(value) for value in result.mean[-1]]
+
+        return run, answer
+
+    return prepare
+
+
+CASES: tuple[Case, ...] = (
+    RTS,
+    ekf_planar_ins(_planar_ins),
+    particle_bootstrap(_bootstrap("double")),
+    particle_bootstrap(_bootstrap("float"), single=True),
+)

@@ -90,6 +90,28 @@ TYPED_TEST(ParticleLaw, ThreadsDoNotShow) {
   }
 }
 
+// Variants of the filter, for as many threads and either instruction set.
+TYPED_TEST(ParticleLaw, VariantsShowNeitherThreadsNorInstructionSet) {
+  const AdaptiveCount adaptive{.bin_sizes = {0.2, 0.2, 0.0, 0.0, 0.0}, .least = 5};
+  for (const std::size_t count : {std::size_t{7}, std::size_t{513}, std::size_t{5000}}) {
+    const std::vector<ParticleOptions> variants = {{.count = count, .auxiliary = true},
+                                                   {.count = count, .auxiliary = true, .regularisation = 1.0},
+                                                   {.count = count, .regularisation = 0.5, .adaptive = adaptive}};
+    for (std::size_t v = 0; v < variants.size(); ++v) {
+      std::vector<std::uint64_t> alone;
+      for (const int threads : {1, 2, 3, -1}) {
+        ParticleOptions options = variants[v];
+        options.threads = std::abs(threads);
+        options.portable_kernels = threads < 0;
+        auto f = this->make(options);
+        this->drive(f);
+        if (alone.empty()) alone = this->bits(f);
+        ASSERT_EQ(this->bits(f), alone) << "variant " << v << ", " << count << ", " << threads << " threads";
+      }
+    }
+  }
+}
+
 TYPED_TEST(ParticleLaw, TheInstructionSetDoesNotShow) {
   if (!detail::has_wide_loops()) GTEST_SKIP() << "this build or processor has one instruction set only";
   for (const std::size_t count : kCounts) {

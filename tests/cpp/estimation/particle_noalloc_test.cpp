@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "estimation/particle_scene.hpp"
+#include "estimation/particle_variant_scene.hpp"
 #include "soopnav/estimation/particle_filter.hpp"
 #include "support/allocation_count.hpp"
 
@@ -52,6 +53,37 @@ TEST(ParticleNoAlloc, NothingAfterConstruction) {
       expect_no_heap<double>(threads, scheme);
       expect_no_heap<float>(threads, scheme);
     }
+  }
+}
+
+TEST(ParticleNoAlloc, NorDoVariants) {
+  if (!test::kAllocationsCounted) GTEST_SKIP() << "this build does not count allocations";
+  using test::Drift;
+  using test::Place;
+  const Eigen::Matrix2d P0 = Eigen::Vector2d(9.0, 4.0).asDiagonal();
+  const std::vector<ParticleOptions> variants = {
+      {.count = 3000, .auxiliary = true, .regularisation = 1.0},
+      {.count = 3000, .adaptive = {.bin_sizes = {0.5, 0.0}, .least = 20}},
+      {.count = 3000, .threads = 2, .regularisation = 1.0, .adaptive = {.bin_sizes = {0.5, 0.5}, .least = 20}}};
+  for (const ParticleOptions& options : variants) {
+    test::PairCloud f({}, P0, options);
+    test::PairMarginalized g({}, P0, options);
+    const std::vector<test::Sum> models{test::Sum{1.0}, test::Sum{-1.0}};
+    const Eigen::Vector2d z(0.3, 0.1);
+    const Eigen::Matrix2d R = Eigen::Matrix2d::Identity();
+    const Correlated<test::Sum> both{models, z, R};
+    const long count = test::allocations_of([&] {
+      for (int k = 0; k < 5; ++k) {
+        static_cast<void>(f.step(Drift{0.1, 0.1}, 1.0, Observed<Place>(Place{}, 1.0, 0.1)));
+        static_cast<void>(f.predict(Drift{3.0, 0.1}, 1.0));
+        f.resample();
+        static_cast<void>(g.step(Drift{0.1, 0.1}, 1.0, both));
+        static_cast<void>(g.predict(Drift{3.0, 0.1}, 1.0));
+        static_cast<void>(g.update(Observed<Place>(Place{}, 1.0, 0.1)));
+        static_cast<void>(g.covariance());
+      }
+    });
+    EXPECT_EQ(count, 0);
   }
 }
 

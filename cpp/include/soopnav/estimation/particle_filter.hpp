@@ -9,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <new>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -20,9 +19,12 @@
 #include "soopnav/core/random.hpp"
 #include "soopnav/estimation/covariance_check.hpp"
 #include "soopnav/estimation/observed.hpp"
+#include "soopnav/estimation/particle_bins.hpp"
 #include "soopnav/estimation/particle_kernel.hpp"
 #include "soopnav/estimation/particle_moments.hpp"
 #include "soopnav/estimation/particle_options.hpp"
+#include "soopnav/estimation/particle_spread.hpp"
+#include "soopnav/estimation/particle_storage.hpp"
 #include "soopnav/estimation/particle_terms.hpp"
 #include "soopnav/estimation/particle_threads.hpp"
 #include "soopnav/estimation/particle_view.hpp"
@@ -31,25 +33,6 @@
 #include "soopnav/estimation/transition.hpp"
 
 namespace soopnav {
-
-namespace detail {
-
-template <class T>
-struct CacheAligned {
-  using value_type = T;
-  CacheAligned() = default;
-  template <class U>
-  explicit(false) CacheAligned(const CacheAligned<U>&) noexcept {}
-  [[nodiscard]] T* allocate(std::size_t n) {
-    return static_cast<T*>(::operator new (n * sizeof(T), std::align_val_t{64}));
-  }
-  void deallocate(T* p, std::size_t) noexcept { ::operator delete (p, std::align_val_t{64}); }
-  friend bool operator==(const CacheAligned&, const CacheAligned&) { return true; }
-};
-template <class T>
-using CacheAlignedVector = std::vector<T, CacheAligned<T>>;
-
-}  // namespace detail
 
 /// A chunk of a cloud, for a user's own likelihood: `components[c]` are stored number c (see the state's `stored_at`)
 /// of particles `first`, `first` + 1, ...
@@ -93,22 +76,21 @@ class ParticleFilter {
   ParticleFilter(const State& x0, const Square& P0, const ParticleOptions& options) : ParticleFilter(options) {
     detail::check_state(x0.x, "x0");
     check_covariance(P0, "P0");
-    // A square root of a matrix that may be singular, by LDLᵀ.
-    const Eigen::LDLT<Square> ldlt(P0);
-    Square root = ldlt.matrixL();
-    root = ldlt.transpositionsP().transpose() * root;
-    const Tangent scale = ldlt.vectorD().cwiseMax(0.0).cwiseSqrt();
-    RandomStream random = initial_draws();
+    const Square root = detail::root_of<Square>(P0);
     constexpr std::size_t kBlock = 64;
-    Eigen::Matrix<double, kDim, static_cast<int>(kBlock)> draws;
-    for (std::size_t i = 0; i < options.count; i += kBlock) {
-      const std::size_t n = std::min(kBlock, options.count - i);
-      random.fill_normal(std::span<double>(draws.data(), n * static_cast<std::size_t>(kDim)));
-      for (std::size_t j = 0; j < n; ++j) {
-        const Tangent d = scale.cwiseProduct(draws.col(static_cast<Eigen::Index>(j)));
-        put(i + j, x0.retract(root * d));
+    threads_.run((options.count + detail::kParticleChunk - 1) / detail::kParticleChunk, [&](std::size_t chunk) {
+      const std::size_t end = std::min((chunk + 1) * detail::kParticleChunk, options.count);
+      RandomStream random = initial_draws();
+      random.seek(chunk * detail::kParticleChunk * static_cast<std::size_t>(kDim));
+      Eigen::Matrix<double, kDim, static_cast<int>(kBlock)> draws;
+      for (std::size_t i = chunk * detail::kParticleChunk; i < end; i += kBlock) {
+        const std::size_t n = std::min(kBlock, end - i);
+        random.fill_normal(std::span<double>(draws.data(), n * static_cast<std::size_t>(kDim)));
+        for (std::size_t j = 0; j < n; ++j) {
+          put(i + j, x0.retract(root * draws.col(static_cast<Eigen::Index>(j))));
+        }
       }
-    }
+    });
     fill_padding();
   }
 
@@ -178,7 +160,7 @@ class ParticleFilter {
       take_likelihood(store, chunk, reference, log_likelihood.data());
     };
     run(store.chunks(), body);
-    return finish_update(constant, false);
+    return finish_update(constant, false, false);
   }
   /// Weights by z = h(x) + noise of covariance `R`.
   template <class Model>
@@ -221,37 +203,51 @@ class ParticleFilter {
       f(view, std::span<Scalar>(log_likelihood.data(), n));
       take_likelihood(store, chunk, reference, log_likelihood.data());
     });
-    return finish_update(0.0, false);
+    return finish_update(0.0, false, false);
+  }
+
+  /// Changes particles where they are: `f(columns, first, n)` may write stored number c of particles `first` ... in
+  /// `columns[c][0 ... n - 1]`, finite numbers only; n is a multiple of the packet's width and may include padding.
+  /// Called chunk by chunk, by several threads at once when there are.
+  template <class F>
+  requires std::invocable < const F&, const std::array < Scalar*, static_cast<std::size_t>(kSize)
+  > &, std::size_t, std::size_t > void transform(const F& f) {
+    const auto store = this->store();
+    run(store.chunks(), [&store, &f](std::size_t chunk) {
+      std::array<Scalar*, Store::kSize> columns;
+      for (std::size_t c = 0; c < Store::kSize; ++c) {
+        columns[c] = store.present + c * store.stride + store.first(chunk);
+      }
+      f(columns, store.first(chunk), store.size(chunk));
+    });
   }
 
   /// Whether the next prediction will begin by resampling.
   [[nodiscard]] bool resampling_due() const noexcept {
-    const auto n = static_cast<double>(options_.count);
+    const auto n = static_cast<double>(count_);
     if (total_.squares == n && total_.sum == n) return false;  // equal weights: nothing to gain
     return options_.ess_threshold >= 1.0 || ess() < options_.ess_threshold * n;
   }
-  /// Resamples now, whatever the effective sample size; weights are equal afterwards.
+  /// Resamples now, whatever the effective sample size, to as many particles as are wanted, and spreads the copies if
+  /// that is asked for; weights are equal afterwards.
   void resample() {
-    draw_ancestors();
-    const auto store = this->store();
-    threads_.run(store.chunks(), [&store](std::size_t chunk) {
-      const std::size_t first = store.first(chunk);
-      for (std::size_t c = 0; c < store.kSize; ++c) {
-        const Scalar* from = store.present + c * store.stride;
-        Scalar* to = store.other + c * store.stride + first;
-        for (std::size_t i = 0; i < store.size(chunk); ++i) to[i] = from[store.ancestors()[first + i]];
-      }
-    });
-    present_.swap(other_);
-    set_equal_weights();
+    const auto spread = this->spread();
+    gather();
+    if (options_.regularisation > 0.0) {
+      transform([&spread](const auto& columns, std::size_t first, std::size_t n) {
+        detail::ParticleColumns<Scalar, kSize> from;
+        std::copy(columns.begin(), columns.end(), from.component.begin());
+        spread.apply(from, first, n, columns);
+      });
+    }
   }
 
   /// The ancestors that the next prediction will begin by drawing, into `out` (count() numbers), one for each particle;
-  /// false, and nothing written, when it will not resample. Changes nothing.
+  /// false, and nothing written, when it will not resample. Changes nothing. For a count that stays what it is.
   [[nodiscard]] bool next_ancestors(std::span<std::uint32_t> out) {
-    if (!resampling_due() || out.size() != options_.count) return false;
-    draw_ancestors();
-    std::copy_n(store().ancestors(), options_.count, out.begin());
+    if (!resampling_due() || out.size() != count_ || bins_.active()) return false;
+    draw_ancestors(count_);
+    std::copy_n(store().ancestors(), count_, out.begin());
     restore_sums();
     return true;
   }
@@ -259,47 +255,36 @@ class ParticleFilter {
   [[nodiscard]] RandomStream next_noise() const noexcept {
     return RandomStream(options_.seed).substream(2 * step_number_);
   }
-  [[nodiscard]] std::uint64_t next_noise_stride() const noexcept { return sums_.size() * detail::kParticleChunk; }
+  [[nodiscard]] std::uint64_t next_noise_stride() const noexcept { return store().noise_stride(); }
 
   /// Predictions and steps so far: with the options, the particles, their log-weights and the log-likelihood all that a
   /// filter is, so what is to be kept of it.
   [[nodiscard]] std::uint64_t steps() const noexcept { return step_number_; }
   /// Log-weights, up to a constant: -infinity for none.
-  [[nodiscard]] std::span<const Scalar> log_weights() const noexcept { return {log_weights_.data(), options_.count}; }
+  [[nodiscard]] std::span<const Scalar> log_weights() const noexcept { return {log_weights_.data(), count_}; }
   /// Takes over what another filter of the same options was: it then goes on with the same bits. `components` are the
   /// stored numbers of all particles, component by component. Throws std::invalid_argument, having changed nothing, for
   /// wrong sizes, numbers that are not finite, log-weights that are NaN or +infinity, and weights that all vanish.
   void restore(std::span<const Scalar> components, std::span<const Scalar> log_weights, double log_likelihood,
                std::uint64_t steps) {
-    if (components.size() != options_.count * static_cast<std::size_t>(kSize)) {
-      throw std::invalid_argument("components has " + std::to_string(components.size()) + " numbers; " +
-                                  std::to_string(options_.count * static_cast<std::size_t>(kSize)) + " expected");
-    }
-    if (log_weights.size() != options_.count) {
-      throw std::invalid_argument("log_weights has " + std::to_string(log_weights.size()) + " numbers; " +
-                                  std::to_string(options_.count) + " expected");
-    }
-    if (!std::all_of(components.begin(), components.end(), [](Scalar x) { return std::isfinite(x); })) {
-      throw std::invalid_argument("components: a number is not finite");
-    }
-    const auto sound = [](Scalar w) { return w <= std::numeric_limits<Scalar>::max(); };
-    if (!std::all_of(log_weights.begin(), log_weights.end(), sound) ||
-        !std::any_of(log_weights.begin(), log_weights.end(), [](Scalar w) { return std::isfinite(w); })) {
-      throw std::invalid_argument("log_weights: NaN, +infinity, or no weight at all");
-    }
+    detail::check_cloud(components, log_weights, static_cast<std::size_t>(kSize),
+                        bins_.active() ? options_.adaptive.least : options_.count, options_.count);
+    set_count(log_weights.size());
     for (std::size_t c = 0; c < static_cast<std::size_t>(kSize); ++c) {
-      std::copy_n(components.begin() + static_cast<std::ptrdiff_t>(c * options_.count), options_.count,
+      std::copy_n(components.begin() + static_cast<std::ptrdiff_t>(c * count_), count_,
                   present_.begin() + static_cast<std::ptrdiff_t>(c * stride_));
     }
     fill_padding();
+    set_equal_weights();
     std::copy(log_weights.begin(), log_weights.end(), log_weights_.begin());
     restore_sums();
-    total_ = detail::join(sums_);
+    total_ = joined();
     log_likelihood_ = log_likelihood;
     step_number_ = steps;
   }
 
-  [[nodiscard]] std::size_t count() const noexcept { return options_.count; }
+  /// Particles there are: `options().count`, unless the count is adaptive.
+  [[nodiscard]] std::size_t count() const noexcept { return count_; }
   [[nodiscard]] const ParticleOptions& options() const noexcept { return options_; }
   /// Effective sample size, 1 / sum of the squared normalised weights (eq. 4).
   [[nodiscard]] double ess() const noexcept { return total_.sum * total_.sum / total_.squares; }
@@ -307,13 +292,16 @@ class ParticleFilter {
   [[nodiscard]] double log_likelihood() const noexcept { return log_likelihood_; }
   /// Bytes on the heap that grow with the count.
   [[nodiscard]] std::size_t storage_bytes() const noexcept {
-    return (present_.capacity() + other_.capacity() + log_weights_.capacity() + spare_.capacity()) * sizeof(Scalar) +
-           sums_.capacity() * sizeof(detail::WeightSums) + groups_.capacity() * sizeof(typename Moments::Sums);
+    return (present_.capacity() + other_.capacity() + log_weights_.capacity() + spare_.capacity() +
+            first_stage_.capacity()) *
+               sizeof(Scalar) +
+           bins_.storage_bytes() + sums_.capacity() * sizeof(detail::WeightSums) +
+           groups_.capacity() * sizeof(typename Moments::Sums);
   }
 
   /// Stored number `c` of every particle.
   [[nodiscard]] std::span<const Scalar> component(int c) const noexcept {
-    return {present_.data() + static_cast<std::size_t>(c) * stride_, options_.count};
+    return {present_.data() + static_cast<std::size_t>(c) * stride_, count_};
   }
   /// Particle `i` < count().
   [[nodiscard]] State particle(std::size_t i) const noexcept {
@@ -323,18 +311,11 @@ class ParticleFilter {
   }
   /// Normalised weights of the particles, into `out` (count() numbers, else std::invalid_argument).
   void weights(std::span<double> out) const {
-    if (out.size() != options_.count) {
+    if (out.size() != count_) {
       throw std::invalid_argument("out has " + std::to_string(out.size()) + " numbers; there are " +
-                                  std::to_string(options_.count) + " particles");
+                                  std::to_string(count_) + " particles");
     }
-    std::array<double, detail::kParticleChunk> w;
-    const auto store = this->store();
-    for (std::size_t chunk = 0; chunk < store.chunks(); ++chunk) {
-      const std::size_t first = store.first(chunk);
-      detail::relative_weights(store.log_weights + first, total_.largest, store.size(chunk), w.data());
-      const std::size_t n = std::min(store.size(chunk), options_.count - first);
-      for (std::size_t i = 0; i < n; ++i) out[first + i] = w[i] / total_.sum;
-    }
+    detail::for_each_weight(store(), total_, [out](std::size_t i, double w) { out[i] = w; });
   }
 
   /// Weighted mean: plain for vectors, of the directions for headings, the nearest rotation for attitudes (the
@@ -362,20 +343,13 @@ class ParticleFilter {
     if (bins.empty() || !(low < high) || !std::isfinite(high - low)) return 0.0;
     const double per_bin = static_cast<double>(bins.size()) / (high - low);
     double inside = 0.0;
-    std::array<double, detail::kParticleChunk> w;
-    const auto store = this->store();
     const std::span<const Scalar> x = component(c);
-    for (std::size_t chunk = 0; chunk < store.chunks(); ++chunk) {
-      const std::size_t first = store.first(chunk);
-      detail::relative_weights(store.log_weights + first, total_.largest, store.size(chunk), w.data());
-      const std::size_t n = std::min(store.size(chunk), options_.count - first);
-      for (std::size_t i = 0; i < n; ++i) {
-        const double at = (static_cast<double>(x[first + i]) - low) * per_bin;
-        if (!(at >= 0.0 && at < static_cast<double>(bins.size()))) continue;
-        bins[static_cast<std::size_t>(at)] += w[i] / total_.sum;
-        inside += w[i] / total_.sum;
-      }
-    }
+    detail::for_each_weight(store(), total_, [&](std::size_t i, double w) {
+      const double at = (static_cast<double>(x[i]) - low) * per_bin;
+      if (!(at >= 0.0 && at < static_cast<double>(bins.size()))) return;
+      bins[static_cast<std::size_t>(at)] += w;
+      inside += w;
+    });
     return inside;
   }
 
@@ -383,8 +357,10 @@ class ParticleFilter {
   using Pack = Packet<Scalar>;
   using Store = detail::ParticleStore<Scalar, kSize>;
   using Moments = detail::MomentBody<State, Scalar>;
+  using Spread = detail::ParticleSpread<State, Scalar>;
 
-  explicit ParticleFilter(const ParticleOptions& options) : options_(checked(options)), threads_(options.threads) {
+  explicit ParticleFilter(const ParticleOptions& options)
+      : options_(checked(options)), threads_(options.threads), bins_(options, static_cast<std::size_t>(kSize)) {
     stride_ = (options.count + Pack::kWidth - 1) / Pack::kWidth * Pack::kWidth;
     const std::size_t numbers = stride_ * static_cast<std::size_t>(kSize);
     present_.resize(numbers);
@@ -393,9 +369,11 @@ class ParticleFilter {
     present_.resize(other_.size());
     log_weights_.resize(stride_);
     spare_.resize(stride_);
+    if (options.auxiliary) first_stage_.resize(stride_);
     sums_.resize((stride_ + detail::kParticleChunk - 1) / detail::kParticleChunk);
     groups_.resize(std::min(detail::kMomentGroups, sums_.size()));
     wide_ = !options.portable_kernels && detail::has_wide_loops();
+    set_count(options.count);
     set_equal_weights();
   }
   [[nodiscard]] static const ParticleOptions& checked(const ParticleOptions& options) {
@@ -406,13 +384,22 @@ class ParticleFilter {
   [[nodiscard]] Store store() const noexcept {
     // The filter's own arrays, through a view that both constant and changing calls use.
     auto* self = const_cast<ParticleFilter*>(this);  // NOLINT(cppcoreguidelines-pro-type-const-cast)
-    return {options_.count,
+    return {count_,
             stride_,
+            padded_,
             self->present_.data(),
             self->other_.data(),
             self->log_weights_.data(),
             self->spare_.data(),
-            std::span(self->sums_)};
+            std::span(self->sums_),
+            self->first_stage_.data()};
+  }
+  void set_count(std::size_t count) noexcept {
+    count_ = count;
+    padded_ = (count + Pack::kWidth - 1) / Pack::kWidth * Pack::kWidth;
+  }
+  [[nodiscard]] detail::WeightSums joined() const {
+    return detail::join(std::span<const detail::WeightSums>(sums_).first(store().chunks()));
   }
   template <class Body>
   void run(std::size_t pieces, const Body& body) const {
@@ -426,23 +413,23 @@ class ParticleFilter {
   }
   // The padding is computed with, so it must be sound.
   void fill_padding() noexcept {
-    const State last = particle(options_.count - 1);
-    for (std::size_t i = options_.count; i < stride_; ++i) put(i, last);
+    const State last = particle(count_ - 1);
+    for (std::size_t i = count_; i < padded_; ++i) put(i, last);
   }
   [[nodiscard]] RandomStream initial_draws() const noexcept {
     return RandomStream(options_.seed).substream(std::numeric_limits<std::uint64_t>::max());
   }
   void set_equal_weights() noexcept {
-    std::fill_n(log_weights_.begin(), options_.count, Scalar{0});
-    std::fill(log_weights_.begin() + static_cast<std::ptrdiff_t>(options_.count), log_weights_.end(),
-              -std::numeric_limits<Scalar>::infinity());
-    const auto n = static_cast<double>(options_.count);
-    for (std::size_t chunk = 0; chunk < sums_.size(); ++chunk) {
-      const std::size_t first = chunk * detail::kParticleChunk;
-      const auto m =
-          static_cast<double>(std::min(detail::kParticleChunk, options_.count - std::min(first, options_.count)));
+    std::fill_n(log_weights_.begin(), count_, Scalar{0});
+    std::fill(log_weights_.begin() + static_cast<std::ptrdiff_t>(count_),
+              log_weights_.begin() + static_cast<std::ptrdiff_t>(padded_), -std::numeric_limits<Scalar>::infinity());
+    const auto store = this->store();
+    for (std::size_t chunk = 0; chunk < store.chunks(); ++chunk) {
+      const std::size_t first = store.first(chunk);
+      const auto m = static_cast<double>(std::min(detail::kParticleChunk, count_ - std::min(first, count_)));
       sums_[chunk] = {m > 0.0 ? 0.0 : -std::numeric_limits<double>::infinity(), m, m};
     }
+    const auto n = static_cast<double>(count_);
     total_ = {0.0, n, n};
   }
 
@@ -460,30 +447,44 @@ class ParticleFilter {
   static SOOPNAV_INLINE void take_likelihood(const Store& store, std::size_t chunk, Scalar reference,
                                              const Scalar* log_likelihood) {
     const std::size_t first = store.first(chunk);
-    const std::size_t n = store.size(chunk);
-    const std::size_t padding = first + n > store.count ? first + n - store.count : 0;
-    store.sums[chunk] =
-        detail::finish_weights(store.log_weights + first, reference, log_likelihood, n, padding, store.spare + first);
+    store.sums[chunk] = detail::finish_weights(store.log_weights + first, reference, log_likelihood, store.size(chunk),
+                                               store.padding(chunk), store.spare + first);
   }
 
-  // The new log-weights are in `spare_` (in `log_weights_` when the call resampled): takes them over, unless all
-  // vanish.
-  ParticleReport finish_update(double constant, bool resampled) {
-    const detail::WeightSums sums = detail::join(sums_);
+  // The new log-weights are in `spare_` (in `log_weights_` when the call `gathered` its particles): takes them over,
+  // unless all vanish. `looked_ahead`: the first stage's share of the log-likelihood.
+  ParticleReport finish_update(double constant, bool gathered, bool resampled, const double* looked_ahead = nullptr) {
+    const detail::WeightSums sums = joined();
     if (!(sums.sum > 0.0)) {
-      if (resampled) {
+      if (looked_ahead != nullptr) {
+        undo_first_stage();
+      } else if (gathered) {
         set_equal_weights();
       } else {
         restore_sums();
       }
       return {ParticleStatus::kDegenerate, -std::numeric_limits<double>::infinity(), ess(), resampled};
     }
-    const double before = resampled ? static_cast<double>(options_.count) : total_.sum;
-    const double gain = sums.largest + detail::portable_log(sums.sum) - detail::portable_log(before) + constant;
-    if (!resampled) log_weights_.swap(spare_);
+    const double before = gathered ? static_cast<double>(count_) : total_.sum;
+    double gain = sums.largest + detail::portable_log(sums.sum) - detail::portable_log(before) + constant;
+    if (looked_ahead != nullptr) gain += *looked_ahead;
+    if (!gathered) log_weights_.swap(spare_);
     total_ = sums;
     log_likelihood_ += gain;
     return {ParticleStatus::kAccepted, gain, ess(), resampled};
+  }
+  // Weights that the particles have without the observation: drawn by the first stage, they are worth its inverse.
+  void undo_first_stage() {
+    const auto store = this->store();
+    threads_.run(store.chunks(), [&store](std::size_t chunk) {
+      const std::size_t first = store.first(chunk);
+      const std::size_t n = store.size(chunk);
+      std::array<Scalar, detail::kParticleChunk> l;
+      for (std::size_t i = 0; i < n; ++i) l[i] = -store.first_stage[store.ancestors()[first + i]];
+      store.sums[chunk] = detail::finish_weights<Scalar>(nullptr, Scalar{0}, l.data(), n, store.padding(chunk),
+                                                         store.log_weights + first);
+    });
+    total_ = joined();
   }
   void restore_sums() {
     const auto store = this->store();
@@ -499,25 +500,45 @@ class ParticleFilter {
     double constant = 0.0;
     if (const ParticleStatus status = check(ready, constant); status != ParticleStatus::kAccepted)
       return refused(status);
-    const bool resampled = resampling_due();
-    if (resampled) draw_ancestors();
+    double first_stage = 0.0;
+    const bool looked_ahead = sizeof...(Terms) > 0 && look_ahead(process, input, dt_s, ready, first_stage);
+    const bool resampled = looked_ahead || resampling_due();
+    const bool spreads = resampled && options_.regularisation > 0.0;
+    const Spread spread = spreads ? this->spread() : Spread{};
+    // A new number of particles needs a pass of its own: the old ones lie elsewhere.
+    const bool gathers = resampled && !bins_.active();
+    if (gathers) {
+      draw_ancestors(count_);
+    } else if (resampled) {
+      gather();
+    }
     std::atomic<bool> lost{false};
     const auto store = this->store();
     const RandomStream noise = RandomStream(options_.seed).substream(2 * step_number_);
     const auto body = std::apply(
         [&](auto&... term) {
           return detail::StepBody<State, Scalar, Process, std::remove_reference_t<decltype(term)>...>{
-              process, input, dt_s, noise, store, resampled, static_cast<Scalar>(total_.largest), ready, lost};
+              process,
+              input,
+              dt_s,
+              noise,
+              store,
+              gathers,
+              looked_ahead,
+              spreads ? &spread : nullptr,
+              static_cast<Scalar>(total_.largest),
+              ready,
+              lost};
         },
         ready);
     run(store.chunks(), body);
     ++step_number_;
     present_.swap(other_);
     if constexpr (sizeof...(Terms) > 0) {
-      return finish_update(constant, resampled);
+      return finish_update(constant, gathers, resampled, looked_ahead ? &first_stage : nullptr);
     } else {
-      if (resampled || lost.load()) {
-        total_ = detail::join(sums_);
+      if (gathers || lost.load()) {
+        total_ = joined();
         if (!(total_.sum > 0.0)) {
           set_equal_weights();
           return {ParticleStatus::kDegenerate, 0.0, ess(), resampled};
@@ -527,12 +548,92 @@ class ParticleFilter {
     }
   }
 
-  // Fills `spare_` with ancestors.
-  void draw_ancestors() {
+  // The first stage of an auxiliary step (eq. 12 to 14): leaves its weights as the cloud's, to be resampled by. False,
+  // and nothing changed, without one, or when nothing is expected to be possible.
+  template <class Process, class Ready>
+  bool look_ahead(const Process& process, const InputOf<Process>& input, double dt_s, const Ready& ready,
+                  double& log_likelihood) {
+    if (!options_.auxiliary) return false;
+    constexpr double kShare = 0.05;  // of the mean likelihood, that every particle gets
+    const auto store = this->store();
+    const RandomStream noise = RandomStream(options_.seed).substream(2 * step_number_);
+    const auto reference = static_cast<Scalar>(total_.largest);
+    const double before = detail::portable_log(total_.sum);
+    const auto first = std::apply(
+        [&](const auto&... term) {
+          return detail::LookAheadBody<State, Scalar, Process, std::remove_cvref_t<decltype(term)>...>{
+              process, input, dt_s, noise, store, reference, ready};
+        },
+        ready);
+    run(store.chunks(), first);
+    detail::WeightSums sums = joined();
+    // So little that it is the sum of impossible ones.
+    constexpr double kLeast = sizeof(Scalar) == 8 ? -1e299 : -1e29;
+    if (!(sums.sum > 0.0) || !(sums.largest > kLeast)) {
+      restore_sums();
+      return false;
+    }
+    const double mean = sums.largest + detail::portable_log(sums.sum) - before;
+    const detail::DefendBody<Scalar, kSize> second{store, reference,
+                                                   static_cast<Scalar>(mean + detail::portable_log(kShare))};
+    run(store.chunks(), second);
+    log_weights_.swap(spare_);
+    total_ = joined();
+    log_likelihood = total_.largest + detail::portable_log(total_.sum) - before;
+    return true;
+  }
+
+  [[nodiscard]] Spread spread() const {
+    if (!(options_.regularisation > 0.0)) return Spread{};
+    const double h = detail::kernel_width(options_.regularisation, kDim, count_);
+    const State m = mean();
+    return {m, h * detail::root_of<Square>(covariance(m)), std::sqrt(1.0 - h * h),
+            RandomStream(options_.seed).substream((std::uint64_t{1} << 63U) + step_number_), store().noise_stride()};
+  }
+
+  // Resamples into as many particles as are wanted.
+  void gather() {
+    std::size_t wanted = count_;
+    if (bins_.active()) {
+      draw_ancestors(options_.count);
+      wanted = count_by_bins();
+      restore_sums();
+    }
+    draw_ancestors(wanted);
+    const auto from = this->store();
+    set_count(wanted);
+    const auto to = this->store();
+    threads_.run(to.chunks(), [&from, &to](std::size_t chunk) {
+      const std::size_t first = to.first(chunk);
+      for (std::size_t c = 0; c < to.kSize; ++c) {
+        const Scalar* source = from.present + c * from.stride;
+        Scalar* target = to.other + c * to.stride + first;
+        for (std::size_t i = 0; i < to.size(chunk); ++i) target[i] = source[to.ancestors()[first + i]];
+      }
+    });
+    present_.swap(other_);
+    set_equal_weights();
+  }
+  // Particles that the bins of those drawn call for.
+  [[nodiscard]] std::size_t count_by_bins() {
+    const auto store = this->store();
+    bins_.clear();
+    std::array<double, static_cast<std::size_t>(kSize)> x;
+    for (std::size_t i = 0; i < options_.count; ++i) {
+      const std::size_t ancestor = store.ancestors()[i];
+      if (i > 0 && ancestor == store.ancestors()[i - 1]) continue;  // in ascending order
+      for (std::size_t c = 0; c < x.size(); ++c) x[c] = static_cast<double>(store.present[c * store.stride + ancestor]);
+      if (!bins_.add(x)) break;
+    }
+    return bins_.wanted();
+  }
+
+  // Fills `spare_` with the ancestors of `outputs` particles.
+  void draw_ancestors(std::size_t outputs) {
     const auto store = this->store();
     RandomStream random = RandomStream(options_.seed).substream(2 * step_number_ + 1);
     if (options_.resampling == Resampling::kSystematic) {
-      share_systematic(store, random.uniform());
+      detail::share_systematic(store, total_, random.uniform(), outputs, threads_);
     } else {
       // Weights as doubles, in the memory where the next states will be.
       auto* w = reinterpret_cast<double*>(store.other);
@@ -540,55 +641,32 @@ class ParticleFilter {
         const std::size_t first = store.first(chunk);
         detail::relative_weights(store.log_weights + first, total_.largest, store.size(chunk), w + first);
       });
-      static_cast<void>(soopnav::resample(options_.resampling, std::span<const double>(w, options_.count), random,
-                                          std::span(store.ancestors(), options_.count)));
+      static_cast<void>(soopnav::resample(options_.resampling, std::span<const double>(w, count_), random,
+                                          std::span(store.ancestors(), outputs)));
     }
-    std::fill(store.ancestors() + options_.count, store.ancestors() + stride_, store.ancestors()[options_.count - 1]);
-  }
-  void share_systematic(const Store& store, double offset) {
-    const double scale = static_cast<double>(options_.count) / total_.sum;
-    const auto count = static_cast<std::int32_t>(options_.count);
-    // Where each chunk's share begins goes into its sums, which are not needed any more: largest becomes the base, sum
-    // the first output.
-    std::size_t last = 0;
-    double base = 0.0;
-    for (std::size_t chunk = 0; chunk < sums_.size(); ++chunk) {
-      // What is too small for its weights to be told from zero in `Scalar` counts as zero.
-      constexpr double kLeast = sizeof(Scalar) == 8 ? 1e-300 : 1e-36;
-      const double factor = sums_[chunk].sum > 0.0 ? detail::portable_exp(sums_[chunk].largest - total_.largest) : 0.0;
-      const double sum = factor > kLeast ? factor * sums_[chunk].sum : 0.0;
-      if (sum > 0.0) last = chunk;
-      sums_[chunk].largest = base;
-      sums_[chunk].sum = detail::chunk_boundary(base, scale, offset, count);
-      base += sum;
-    }
-    for (std::size_t chunk = last + 1; chunk < sums_.size(); ++chunk) sums_[chunk].sum = count;
-    threads_.run(store.chunks(), [&, this](std::size_t chunk) {
-      const auto begin = static_cast<std::int32_t>(store.sums[chunk].sum);
-      const auto end = chunk + 1 < store.sums.size() ? static_cast<std::int32_t>(store.sums[chunk + 1].sum) : count;
-      if (begin >= end) return;
-      std::array<double, detail::kParticleChunk> w;
-      const std::size_t first = store.first(chunk);
-      detail::relative_weights(store.log_weights + first, total_.largest, store.size(chunk), w.data());
-      detail::share_chunk({w.data(), store.size(chunk), store.sums[chunk].largest, scale, offset,
-                           static_cast<std::uint32_t>(first), begin, end},
-                          store.ancestors());
-    });
+    const std::size_t end = (outputs + Pack::kWidth - 1) / Pack::kWidth * Pack::kWidth;
+    std::fill(store.ancestors() + outputs, store.ancestors() + end, store.ancestors()[outputs - 1]);
   }
 
   [[nodiscard]] typename Moments::Sums moments(const State* mean) const {
-    const Moments body{store(), total_.largest, mean, std::span(groups_)};
-    run(groups_.size(), body);
-    return detail::join_groups<State, Scalar>(std::span<const typename Moments::Sums>(groups_));
+    const auto store = this->store();
+    const auto groups = std::span(groups_).first(std::min(groups_.size(), store.chunks()));
+    const Moments body{store, total_.largest, mean, groups};
+    run(groups.size(), body);
+    return detail::join_groups<State, Scalar>(std::span<const typename Moments::Sums>(groups));
   }
 
   ParticleOptions options_;
   mutable detail::ParticleThreads threads_;
-  std::size_t stride_ = 0;
+  detail::ParticleBins bins_;
+  std::size_t count_ = 0;   // of the particles there are ...
+  std::size_t padded_ = 0;  // ... in whole packets
+  std::size_t stride_ = 0;  // of the components in memory: for the most there can be
   detail::CacheAlignedVector<Scalar> present_;
   detail::CacheAlignedVector<Scalar> other_;
   detail::CacheAlignedVector<Scalar> log_weights_;
   detail::CacheAlignedVector<Scalar> spare_;
+  detail::CacheAlignedVector<Scalar> first_stage_;  // for a look ahead
   std::vector<detail::WeightSums> sums_;
   mutable std::vector<typename Moments::Sums> groups_;
   detail::WeightSums total_{0.0, 0.0, 0.0};

@@ -10,67 +10,13 @@
 
 #include "soopnav/core/packet_math.hpp"
 #include "soopnav/estimation/particle_kernel.hpp"
+#include "soopnav/estimation/particle_local.hpp"
 #include "soopnav/estimation/particle_view.hpp"
 
 namespace soopnav::detail {
 
 /// Chunks are summed in at most so many groups, then the groups one after the other: an order that no thread changes.
 inline constexpr std::size_t kMomentGroups = 64;
-
-/// Index in `x` of tangent component `i` of a state without or before its attitude, and behind it.
-template <class State>
-[[nodiscard]] constexpr int stored_index(int i) noexcept {
-  if constexpr (HoldsRole<State, Role<3, AttitudeTag>>) {
-    return i < State::at(kAttitude) ? i : i + 1;
-  } else {
-    return i;
-  }
-}
-
-template <class State>
-[[nodiscard]] constexpr bool is_rotation_component(int i) noexcept {
-  if constexpr (HoldsRole<State, Role<3, AttitudeTag>>) {
-    return i >= State::at(kAttitude) && i < State::at(kAttitude) + 3;
-  } else {
-    return false;
-  }
-}
-
-template <class State>
-[[nodiscard]] constexpr bool is_heading_component(int i) noexcept {
-  if constexpr (HoldsRole<State, Role<1, HeadingTag>>) {
-    return i == State::at(kHeading);
-  } else {
-    return false;
-  }
-}
-
-/// mean.local(x) of a packet of particles.
-template <class State>
-SOOPNAV_INLINE void local_packets(const State& mean, const ParticleView<State, double>& x,
-                                  std::array<Packet<double>, static_cast<std::size_t>(State::kDim)>& d) noexcept {
-  using P = Packet<double>;
-  for (int i = 0; i < State::kDim; ++i) {
-    if (is_rotation_component<State>(i)) continue;
-    const int s = stored_index<State>(i);
-    const P difference = x.values[static_cast<std::size_t>(s)] - P(static_cast<double>(mean.x[s]));
-    d[static_cast<std::size_t>(i)] = is_heading_component<State>(i) ? wrap_to_pi(difference) : difference;
-  }
-  if constexpr (HoldsRole<State, Role<3, AttitudeTag>>) {
-    // Logarithm of conj(mean) * x, the shorter of the two turns.
-    const auto* q = x.values.data() + State::stored_at(kAttitude);
-    const Eigen::Vector4d m = mean(kAttitude);
-    const P w = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3];
-    const P v[3] = {q[1] * m[0] - q[0] * m[1] - q[3] * m[2] + q[2] * m[3],
-                    q[2] * m[0] + q[3] * m[1] - q[0] * m[2] - q[1] * m[3],
-                    q[3] * m[0] - q[2] * m[1] + q[1] * m[2] - q[0] * m[3]};
-    const P sine = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    const P sign = copysign(P(1), w);
-    const P turn = P(2) * sign * atan2(sine, abs(w));
-    const P scale = select(sine > P(1e-10), turn / sine, P(2) * sign);
-    for (std::size_t i = 0; i < 3; ++i) d[static_cast<std::size_t>(State::at(kAttitude)) + i] = scale * v[i];
-  }
-}
 
 /// Sums of one group: the weighted numbers for the mean, or the weighted products for the covariance.
 template <class State, class T>
@@ -131,7 +77,7 @@ struct MomentBody {
     for (int i = 0; i < kSize; ++i) m.x[i] = sums[static_cast<std::size_t>(i)] / total;
     constexpr auto kAngle = static_cast<std::size_t>(kSize);
     if constexpr (HoldsRole<State, Role<1, HeadingTag>>) {
-      m.x[State::stored_at(kHeading)] = std::atan2(sums[kAngle + 1], sums[kAngle]);
+      m.x[State::stored_at(kHeading)] = portable_atan2(sums[kAngle + 1], sums[kAngle]);
     }
     if constexpr (HoldsRole<State, Role<3, AttitudeTag>>) {
       Eigen::Matrix4d products;
@@ -167,6 +113,18 @@ struct MomentBody {
     }
   }
 };
+
+/// The weights of the particles, normalised, handed to `take(i, w)` in order.
+template <class T, int Size, class Take>
+void for_each_weight(const ParticleStore<T, Size>& store, const WeightSums& total, const Take& take) {
+  std::array<double, kParticleChunk> w;
+  for (std::size_t chunk = 0; chunk < store.chunks(); ++chunk) {
+    const std::size_t first = store.first(chunk);
+    relative_weights(store.log_weights + first, total.largest, store.size(chunk), w.data());
+    const std::size_t n = std::min(store.size(chunk), store.count - first);
+    for (std::size_t i = 0; i < n; ++i) take(first + i, w[i] / total.sum);
+  }
+}
 
 /// The groups of `body` added up in order.
 template <class State, class T>

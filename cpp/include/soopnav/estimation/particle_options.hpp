@@ -4,21 +4,40 @@
 #include <cstdint>
 #include <limits>
 #include <string_view>
+#include <vector>
 
 #include "soopnav/core/status.hpp"
 #include "soopnav/estimation/resampling.hpp"
 
 namespace soopnav {
 
+/// A number of particles that follows the spread of the cloud (doc/particle_filter.md eq. 17; Fox 2003).
+struct AdaptiveCount {
+  /// Size of a bin along each stored number of the state, in its unit; 0 for a number that does not count. Empty: the
+  /// count stays what it is.
+  std::vector<double> bin_sizes{};
+  std::size_t least = 50;     ///< particles there always are, 1 ... count
+  double divergence = 0.05;   ///< the Kullback-Leibler divergence, over the bins, that is to be kept [nat] ...
+  double probability = 0.99;  ///< ... with this probability, above 0.5
+};
+
 /// How a particle filter is built.
 struct ParticleOptions {
-  std::size_t count = 1000;  ///< particles, 1 ... 2^31 - 1
+  std::size_t count = 1000;  ///< particles, 1 ... 2^31 - 1; with `adaptive` the most there can be, and the first
   std::uint64_t seed = 0;    ///< names the run: the same seed gives the same bits
   int threads = 1;           ///< 1 ... 256, the caller's included; does not change a bit of the result
   Resampling resampling = Resampling::kSystematic;
   /// Resampled before a prediction when the effective sample size is below this share of the count, in 0 ... 1:
   /// 1 resamples every time, 0 never.
   double ess_threshold = 0.5;
+  /// Whether a step looks at its observations before it resamples (eq. 12; Pitt and Shephard 1999). Such a step always
+  /// resamples. For observations much sharper than the cloud, and process noise no wider than the observation: where a
+  /// particle is expected must tell what it will be worth.
+  bool auxiliary = false;
+  /// Width of the kernel that copies are spread with after resampling (eq. 15), in units of the one that is best for a
+  /// normal density; 0 for none. For process noise too small to part the copies.
+  double regularisation = 0.0;
+  AdaptiveCount adaptive{};  ///< not together with `auxiliary`
   /// Runs the loops compiled for the oldest processor also on newer ones. For tests: the bits are the same.
   bool portable_kernels = false;
 };

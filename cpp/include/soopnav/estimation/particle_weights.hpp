@@ -23,8 +23,9 @@ void relative_weights(const T* log_weights, double reference, std::size_t n, dou
 /// The sums of all chunks, relative to the largest of all. `sum` is 0 when there is no weight at all.
 [[nodiscard]] WeightSums join(std::span<const WeightSums> chunks) noexcept;
 
-/// e^x and ln x with the same bits everywhere (core/packet_math.hpp).
+/// e^x, ln x and atan2(y, x) with the same bits everywhere (core/packet_math.hpp).
 [[nodiscard]] double portable_exp(double x) noexcept;
 [[nodiscard]] double portable_log(double x) noexcept;
+[[nodiscard]] double portable_atan2(double y, double x) noexcept;
 
 }  // namespace soopnav::detail
