@@ -13,6 +13,7 @@
 
 #include "erased_model.hpp"
 #include "soopnav/core/status.hpp"
+#include "soopnav/estimation/adaptive_noise.hpp"
 #include "soopnav/estimation/update_report.hpp"
 
 /// Kalman filters of any kind and state behind one interface.
@@ -51,6 +52,8 @@ struct Run {
   const double* inputs = nullptr;
   std::vector<RunGroup> groups;
   Gate gate;
+  AdaptiveProcessNoise* noise = nullptr;  ///< learns from each update and scales the process' noise; null: as it is
+  double* noise_multiplier = nullptr;     ///< after each step
   double *x = nullptr, *P = nullptr, *x_pred = nullptr, *P_pred = nullptr;
   double *x_smooth = nullptr, *P_smooth = nullptr;
   double* nis = nullptr;
@@ -88,7 +91,9 @@ class KalmanFilter {
   virtual void load(const KalmanMemory& memory) = 0;
   virtual void set_floor(std::span<const double> variance) = 0;
 
-  virtual UpdateStatus predict(const AnyProcess& process, const double* input, double dt_s) = 0;
+  /// `cross`, unless null, receives n x n numbers for a smoother where the step was accepted (see StepRecord).
+  virtual UpdateStatus predict(const AnyProcess& process, const double* input, double dt_s,
+                               std::vector<double>* cross) = 0;
   /// `f(x, dt_s)` gives (x_next, F); of an unscented filter, `f(X, dt_s)` the images of all sigma points.
   virtual UpdateStatus predict(const pybind11::function& f, std::span<const double> Q, double dt_s) = 0;
   virtual KalmanReport update(std::span<const AnyMeasurement* const> models, std::span<const double> z,
@@ -108,6 +113,11 @@ struct KalmanSetup {
   std::vector<double> options;  ///< of the kind
   bool information = false;     ///< P0 is an information matrix
 };
+
+/// `process` with `multiplier` times the covariance of its noise.
+[[nodiscard]] AnyProcess scaled_noise(const AnyProcess& process, double multiplier);
+/// Lets `noise` learn from an innovation whose measurement noise had covariance `R`, rows x rows numbers.
+bool learn(AdaptiveProcessNoise& noise, const KalmanReport& report, const double* R) noexcept;
 
 [[nodiscard]] std::unique_ptr<KalmanFilter> make_extended(const KalmanSetup& setup);
 [[nodiscard]] std::unique_ptr<KalmanFilter> make_iterated(const KalmanSetup& setup);

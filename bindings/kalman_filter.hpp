@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -98,11 +99,11 @@ class KalmanFilterOf final : public KalmanFilter {
     earlier_counts_ = {};
   }
 
-  UpdateStatus predict(const AnyProcess& process, const double* input, double dt_s) override {
-    UpdateStatus status = UpdateStatus::kUndefined;
-    with_process(process, [&](const auto& concrete, auto to_input) {
-      status = filter_.predict(concrete, to_input(input), dt_s);
-    });
+  UpdateStatus predict(const AnyProcess& process, const double* input, double dt_s,
+                       std::vector<double>* cross) override {
+    Square between;
+    const UpdateStatus status = move(process, input, dt_s, cross == nullptr ? nullptr : &between);
+    if (cross != nullptr && status == UpdateStatus::kAccepted) *cross = unpadded(between);
     return status;
   }
   UpdateStatus predict(const py::function& f, std::span<const double> Q, double dt_s) override {
@@ -124,6 +125,8 @@ class KalmanFilterOf final : public KalmanFilter {
     std::vector<std::vector<ErasedRow<N>>> rows;
     for (const RunGroup& group : run.groups) rows.push_back(detail::rows_of<N>(group.models, info_));
     const Filter before = filter_;
+    const std::optional<AdaptiveProcessNoise> noise_before =
+        run.noise == nullptr ? std::nullopt : std::optional(*run.noise);
     try {
       with_process(*run.process, [&](const auto& concrete, auto to_input) {
         if (run.x_smooth == nullptr) {
@@ -134,6 +137,7 @@ class KalmanFilterOf final : public KalmanFilter {
       });
     } catch (...) {
       filter_ = before;
+      if (noise_before) *run.noise = *noise_before;
       throw;
     }
   }
@@ -171,6 +175,13 @@ class KalmanFilterOf final : public KalmanFilter {
     return record;
   }
 
+  [[gnu::noinline]] UpdateStatus move(const AnyProcess& process, const double* input, double dt_s, Square* cross) {
+    UpdateStatus status = UpdateStatus::kUndefined;
+    with_process(process, [&](const auto& concrete, auto to_input) {
+      status = filter_.predict(concrete, to_input(input), dt_s, cross);
+    });
+    return status;
+  }
   // Calls f(process, to_input), where to_input makes the process's input of plain numbers.
   template <class F>
   void with_process(const AnyProcess& process, F&& f) {
@@ -224,7 +235,13 @@ class KalmanFilterOf final : public KalmanFilter {
       if (k > 0 || run.start_s) {
         const double* input = run.inputs == nullptr ? nullptr : run.inputs + 3 * k;
         if constexpr (kSmooth) cross = filter_.covariance();
-        moved = filter_.predict(process, to_input(input), run.time_s[k] - now, kSmooth ? &cross : nullptr);
+        const double dt_s = run.time_s[k] - now;
+        if (run.noise == nullptr) {
+          moved = filter_.predict(process, to_input(input), dt_s, kSmooth ? &cross : nullptr);
+        } else {
+          const AnyProcess scaled = scaled_noise(*run.process, run.noise->multiplier());
+          moved = move(scaled, input, dt_s, kSmooth ? &cross : nullptr);
+        }
         if (moved == UpdateStatus::kAccepted) now = run.time_s[k];
       } else if constexpr (kSmooth) {
         cross = filter_.covariance();
@@ -249,7 +266,9 @@ class KalmanFilterOf final : public KalmanFilter {
         status = static_cast<std::uint8_t>(report.status);
         run.nis[k * groups + g] = report.nis;
         if (report.status == UpdateStatus::kAccepted) run.log_likelihood += report.log_likelihood;
+        if (run.noise != nullptr) learn(*run.noise, report, R);
       }
+      if (run.noise != nullptr) run.noise_multiplier[k] = run.noise->multiplier();
       write(run.x, run.P, k);
       if constexpr (kSmooth) {
         const PaddedRecord after = padded_record();

@@ -20,7 +20,11 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_estimation(estimation);
   soopnav::python::register_estimation_bounds(estimation);
   soopnav::python::register_estimation_linear(estimation);
+  soopnav::python::register_kalman_report(estimation);
+  soopnav::python::register_adaptive_noise(estimation);
   soopnav::python::register_kalman(estimation);
+  soopnav::python::register_fixed_lag(estimation);
+  soopnav::python::register_multiple_model(estimation);
   soopnav::python::register_particle(estimation);
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_lte(lte);

@@ -5,14 +5,18 @@
 /// One function per module of the engine; each fills the submodule it is given.
 namespace soopnav::python {
 
+void register_adaptive_noise(pybind11::module_& module);
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
 void register_estimation_bounds(pybind11::module_& module);
 void register_estimation_linear(pybind11::module_& module);
+void register_fixed_lag(pybind11::module_& module);
 void register_geometry(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
+void register_kalman_report(pybind11::module_& module);
 void register_lte(pybind11::module_& module);
 void register_measurement(pybind11::module_& module);
+void register_multiple_model(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);

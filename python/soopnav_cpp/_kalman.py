@@ -9,6 +9,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._adaptive_noise import AdaptiveProcessNoise
 from soopnav_cpp._core import estimation as _estimation
 from soopnav_cpp._core.estimation import KalmanReport, UpdateStatus
 from soopnav_cpp._core.measurement import Measurement
@@ -53,6 +54,8 @@ class KalmanRun:
         Sum over the accepted measurements.
     x_smooth, P_smooth : ndarray, shapes (T, n) and (T, n, n)
         Given all measurements; None unless asked for.
+    noise_multiplier : ndarray, shape (T,)
+        Estimated factor on the process noise after each step; None without an `AdaptiveProcessNoise`.
     """
 
     x_pred: _Array | None
@@ -65,17 +68,31 @@ class KalmanRun:
     log_likelihood: float
     x_smooth: _Array | None
     P_smooth: _Array | None
+    noise_multiplier: _Array | None = None
 
     def __repr__(self) -> str:
         parts = [f"{len(self.status)} steps", f"{self.x.shape[1]} components"]
-        for status in UpdateStatus:
-            count = int(np.count_nonzero(self.status == status))
-            if count and status != UpdateStatus.ABSENT:
-                parts.append(f"{count} {status.name.lower().replace('_', ' ')}")
-        stuck = int(np.count_nonzero(self.predict_status))
-        if stuck:
-            parts.append(f"{stuck} steps not predicted")
+        parts += _describe_run(self.status, self.predict_status)
         return f"KalmanRun({', '.join(parts)}, log-likelihood {self.log_likelihood:.6g})"
+
+
+def _describe_run(status: npt.NDArray[np.uint8], predict_status: npt.NDArray[np.uint8] | None = None) -> list[str]:
+    """How many measurements had which status, and how many steps were not made."""
+    parts = []
+    for value in UpdateStatus:
+        count = int(np.count_nonzero(status == value))
+        if count and value != UpdateStatus.ABSENT:
+            parts.append(f"{count} {value.name.lower().replace('_', ' ')}")
+    stuck = 0 if predict_status is None else int(np.count_nonzero(predict_status))
+    return [*parts, f"{stuck} steps not predicted"] if stuck else parts
+
+
+def _freeze(out: dict[str, Any]) -> dict[str, Any]:
+    """The results of a run, arrays read-only."""
+    for value in out.values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    return out
 
 
 def _flags(mask: npt.ArrayLike | None, name: str) -> npt.NDArray[np.uint8] | None:
@@ -85,6 +102,18 @@ def _flags(mask: npt.ArrayLike | None, name: str) -> npt.NDArray[np.uint8] | Non
     if flags.dtype != np.bool_:
         raise ValueError(f"{name}: expected bool, got {flags.dtype}")
     return np.ascontiguousarray(flags).view(np.uint8)
+
+
+def _to_groups(measurements: Sequence[tuple[Any, ...]]) -> list[tuple[Any, Any, Any, Any]]:
+    """Groups of measurements, each with a mask or None."""
+    groups = []
+    for index, entry in enumerate(measurements):
+        name = f"measurements[{index}]"
+        if not isinstance(entry, tuple) or len(entry) not in (3, 4):
+            raise ValueError(f"{name}: expected (model, z, R) or (model, z, R, mask)")
+        mask = _flags(entry[3], f"{name}: mask") if len(entry) == 4 else None
+        groups.append((entry[0], entry[1], entry[2], mask))
+    return groups
 
 
 class _KalmanFilter:
@@ -232,6 +261,7 @@ class _KalmanFilter:
         gate_residual_sigmas: float | None = None,
         smooth: bool = False,
         history: bool = True,
+        adaptive_noise: AdaptiveProcessNoise | None = None,
     ) -> KalmanRun:
         """Filter a whole run in one call; the same bits as step by step. The filter ends where the run does.
 
@@ -254,6 +284,8 @@ class _KalmanFilter:
             Smooth as well (Rauch-Tung-Striebel).
         history : bool
             Keep x and P of every step; otherwise of the last.
+        adaptive_noise : AdaptiveProcessNoise, optional
+            Scales the noise of `process` from step to step and learns from every innovation; ends where the run does.
 
         Returns
         -------
@@ -264,18 +296,12 @@ class _KalmanFilter:
         ValueError
             Naming the argument, and the index where time does not rise. The filter is as it was.
         """
-        times = np.asarray(time_s, np.float64)
-        groups = []
-        for index, entry in enumerate(measurements):
-            name = f"measurements[{index}]"
-            if not isinstance(entry, tuple) or len(entry) not in (3, 4):
-                raise ValueError(f"{name}: expected (model, z, R) or (model, z, R, mask)")
-            mask = _flags(entry[3], f"{name}: mask") if len(entry) == 4 else None
-            groups.append((entry[0], entry[1], entry[2], mask))
+        if adaptive_noise is not None and not isinstance(adaptive_noise, AdaptiveProcessNoise):
+            raise TypeError(f"adaptive_noise: expected AdaptiveProcessNoise, got {type(adaptive_noise).__name__}")
         out = self._core.run(
-            times,
+            np.asarray(time_s, np.float64),
             process,
-            groups,
+            _to_groups(measurements),
             inputs=inputs,
             start_s=start_s,
             gate_nis=gate_nis,
@@ -283,12 +309,11 @@ class _KalmanFilter:
             gate_residual_sigmas=gate_residual_sigmas,
             smooth=smooth,
             history=history,
+            adaptive_noise=None if adaptive_noise is None else adaptive_noise._core,
         )
         if not history:
             out["x"], out["P"] = self.x[np.newaxis].copy(), self.P[np.newaxis].copy()
-        for value in out.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
+        _freeze(out)
         return KalmanRun(
             x_pred=out.get("x_pred"),
             P_pred=out.get("P_pred"),
@@ -300,6 +325,7 @@ class _KalmanFilter:
             log_likelihood=out["log_likelihood"],
             x_smooth=out.get("x_smooth"),
             P_smooth=out.get("P_smooth"),
+            noise_multiplier=out.get("noise_multiplier"),
         )
 
     def copy(self: _Self) -> _Self:
@@ -447,3 +473,16 @@ class InformationFilter(_KalmanFilter):
         matrix = information if P0 is None else P0
         assert matrix is not None
         self._core = _estimation.KalmanFilter(self._kind, state, x0, matrix, [], P0 is None)
+
+
+KINDS: dict[str, type[_KalmanFilter]] = {
+    kind._kind: kind
+    for kind in (
+        ExtendedKalmanFilter,
+        InformationFilter,
+        IteratedKalmanFilter,
+        SquareRootKalmanFilter,
+        UnscentedKalmanFilter,
+    )
+}
+"""The kinds by the engine's names."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
+from soopnav_cpp._adaptive_noise import AdaptiveProcessNoise
 from soopnav_cpp._bounds import (
     Crlb,
     PosteriorCrlb,
@@ -21,6 +22,7 @@ from soopnav_cpp._bounds import (
 )
 from soopnav_cpp._core import estimation as _estimation
 from soopnav_cpp._core.estimation import Dop, ErrorEllipse
+from soopnav_cpp._fixed_lag import FixedLagFilter, FixedLagRun
 from soopnav_cpp._kalman import (
     ExtendedKalmanFilter,
     InformationFilter,
@@ -32,6 +34,7 @@ from soopnav_cpp._kalman import (
     UpdateStatus,
 )
 from soopnav_cpp._linear import LinearFilterResult, StepStatus, linear_filter, rts_smooth
+from soopnav_cpp._multiple_model import InteractingMultipleModel, MultipleModelRun
 from soopnav_cpp._particle import (
     AdaptiveCount,
     Gaussian,
@@ -47,17 +50,22 @@ from soopnav_cpp._track import track_jacobian
 
 __all__ = [
     "AdaptiveCount",
+    "AdaptiveProcessNoise",
     "Crlb",
     "Dop",
     "ErrorEllipse",
     "ExtendedKalmanFilter",
+    "FixedLagFilter",
+    "FixedLagRun",
     "Gaussian",
     "InformationFilter",
+    "InteractingMultipleModel",
     "IteratedKalmanFilter",
     "KalmanReport",
     "KalmanRun",
     "LinearFilterResult",
     "Measured",
+    "MultipleModelRun",
     "ParticleFilter",
     "ParticleReport",
     "ParticleRun",

@@ -13,8 +13,11 @@ import typing
 
 __all__: list[str] = [
     "AdaptiveCount",
+    "AdaptiveProcessNoise",
     "Dop",
     "ErrorEllipse",
+    "FixedLagFilter",
+    "InteractingMultipleModel",
     "KalmanFilter",
     "KalmanReport",
     "ParticleCloud",
@@ -164,6 +167,31 @@ class KalmanReport:
         An `UpdateStatus`.
         """
 
+class AdaptiveProcessNoise:
+    """
+    A multiplier on the process noise: see soopnav_cpp.estimation.
+    """
+    def __getstate__(self) -> tuple: ...
+    def __init__(
+        self,
+        *,
+        initial: typing.SupportsFloat | typing.SupportsIndex,
+        lower: typing.SupportsFloat | typing.SupportsIndex,
+        upper: typing.SupportsFloat | typing.SupportsIndex,
+        memory: typing.SupportsFloat | typing.SupportsIndex,
+        prior_information: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
+    def clone(self) -> AdaptiveProcessNoise: ...
+    def observe(self, report: KalmanReport, R: numpy.typing.ArrayLike) -> bool: ...
+    def scaled(self, process: soopnav_cpp._core.process.Process) -> soopnav_cpp._core.process.Process: ...
+    @property
+    def information(self) -> float: ...
+    @property
+    def multiplier(self) -> float: ...
+    @property
+    def options(self) -> tuple[float, float, float, float, float]: ...
+
 class KalmanFilter:
     """
     A Kalman filter of any kind: see soopnav_cpp.estimation.
@@ -207,6 +235,7 @@ class KalmanFilter:
         gate_residual_sigmas: typing.SupportsFloat | typing.SupportsIndex | None = None,
         smooth: bool = False,
         history: bool = True,
+        adaptive_noise: AdaptiveProcessNoise | None = None,
     ) -> dict: ...
     def set_covariance_floor(self, variance: numpy.typing.ArrayLike) -> None: ...
     def update(
@@ -228,6 +257,145 @@ class KalmanFilter:
     def covariance_floor_counts(self) -> tuple: ...
     @property
     def state(self) -> str: ...
+    @property
+    def x(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class FixedLagFilter:
+    """
+    A Kalman filter with late measurements: see soopnav_cpp.estimation.
+    """
+    def __getstate__(self) -> tuple: ...
+    def __init__(
+        self,
+        filter: KalmanFilter,
+        process: soopnav_cpp._core.process.Process,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        capacity: typing.SupportsInt | typing.SupportsIndex,
+        input: numpy.typing.ArrayLike | None = None,
+    ) -> None: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
+    def advance(
+        self, time_s: typing.SupportsFloat | typing.SupportsIndex, input: numpy.typing.ArrayLike | None = None
+    ) -> UpdateStatus: ...
+    def clone(self) -> FixedLagFilter: ...
+    def run(
+        self,
+        measurements: collections.abc.Sequence[
+            tuple[
+                typing.Any,
+                numpy.typing.ArrayLike,
+                numpy.typing.ArrayLike,
+                numpy.typing.ArrayLike,
+                numpy.typing.ArrayLike,
+            ]
+        ],
+        *,
+        inputs: numpy.typing.ArrayLike | None = None,
+        input_time_s: numpy.typing.ArrayLike | None = None,
+        gate_nis: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual_sigmas: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        history: bool = True,
+    ) -> dict: ...
+    def smooth(self) -> tuple: ...
+    def update(
+        self,
+        model: typing.Any,
+        z: numpy.typing.ArrayLike,
+        R: numpy.typing.ArrayLike,
+        time_s: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        gate_nis: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual_sigmas: typing.SupportsFloat | typing.SupportsIndex | None = None,
+    ) -> KalmanReport: ...
+    @property
+    def P(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def capacity(self) -> int: ...
+    @property
+    def filter(self) -> KalmanFilter: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def oldest_time_s(self) -> float: ...
+    @property
+    def process(self) -> soopnav_cpp._core.process.Process: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def x(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class InteractingMultipleModel:
+    """
+    A Kalman filter for each process model: see soopnav_cpp.estimation.
+    """
+    def __getstate__(self) -> tuple: ...
+    def __init__(
+        self,
+        state: str,
+        x0: numpy.typing.ArrayLike,
+        P0: numpy.typing.ArrayLike,
+        processes: collections.abc.Sequence[soopnav_cpp._core.process.Process],
+        transition: numpy.typing.ArrayLike,
+        probabilities: numpy.typing.ArrayLike,
+    ) -> None: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
+    def clone(self) -> InteractingMultipleModel: ...
+    def predict(
+        self, dt_s: typing.SupportsFloat | typing.SupportsIndex, input: numpy.typing.ArrayLike | None = None
+    ) -> UpdateStatus: ...
+    def run(
+        self,
+        time_s: numpy.typing.ArrayLike,
+        measurements: collections.abc.Sequence[
+            tuple[
+                typing.Any,
+                numpy.typing.ArrayLike,
+                numpy.typing.ArrayLike,
+                typing.Annotated[numpy.typing.ArrayLike, numpy.uint8] | None,
+            ]
+        ],
+        *,
+        inputs: numpy.typing.ArrayLike | None = None,
+        start_s: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_nis: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual_sigmas: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        history: bool = True,
+    ) -> dict: ...
+    def set_covariance_floor(self, variance: numpy.typing.ArrayLike) -> None: ...
+    def update(
+        self,
+        model: typing.Any,
+        z: numpy.typing.ArrayLike,
+        R: numpy.typing.ArrayLike,
+        *,
+        gate_nis: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        gate_residual_sigmas: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        angle_rows: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+    ) -> KalmanReport: ...
+    @property
+    def P(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def component_names(self) -> tuple: ...
+    @property
+    def covariance_floor_counts(self) -> tuple: ...
+    @property
+    def mode_P(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def mode_x(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def probabilities(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def processes(self) -> tuple: ...
+    @property
+    def state(self) -> str: ...
+    @property
+    def transition(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def x(self) -> numpy.typing.NDArray[numpy.float64]: ...
 

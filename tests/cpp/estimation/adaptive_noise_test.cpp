@@ -53,6 +53,10 @@ TEST(AdaptiveProcessNoise, MovesByTheScoreOfAnInnovation) {
   const double information = 2.0 + 0.5 * 0.75 * 0.75;
   EXPECT_NEAR(std::log(noise.multiplier()), 0.5 * 0.75 * (2.25 - 1.0) / information, 1e-12);
   EXPECT_NEAR(noise.information(), information, 1e-6);
+  AdaptiveProcessNoise again(noise.options());
+  again.restore(noise.log_multiplier(), noise.information());
+  EXPECT_EQ(again.multiplier(), noise.multiplier());
+  EXPECT_EQ(again.information(), noise.information());
   // Where R covers the innovation there is nothing to learn.
   const double before = noise.multiplier();
   EXPECT_TRUE(noise.observe(report, 4.0));

@@ -6,6 +6,7 @@
 #include <array>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "estimation/tracking_scene.hpp"
@@ -171,6 +172,13 @@ TEST(FixedLagFilter, InputsHoldUntilTheNext) {
   EXPECT_EQ(plain.state().x, in_order.state().x);
   EXPECT_EQ(in_order.advance(at(6), sample(0)), UpdateStatus::kTimeNotAdvancing);  // inputs come in order
   EXPECT_EQ(in_order.advance(at(6.2), sample(7)), UpdateStatus::kAccepted);        // though before an observation
+  // A sample that is no number is refused whole: the one before it stays in force.
+  const int size = in_order.size();
+  const inertial::PlanarImuSample broken{std::numeric_limits<double>::quiet_NaN(), Eigen::Vector2d::Zero()};
+  EXPECT_EQ(in_order.advance(at(7), broken), UpdateStatus::kNonFinite);
+  EXPECT_EQ(in_order.size(), size);
+  EXPECT_EQ(in_order.advance(at(7)), UpdateStatus::kAccepted);
+  EXPECT_TRUE(in_order.state().x.allFinite());
 }
 
 TEST(FixedLagFilter, SmoothsOverWhatItKeeps) {
@@ -205,6 +213,32 @@ TEST(FixedLagFilter, SmoothsOverWhatItKeeps) {
   ASSERT_EQ(smoother.smooth(), SmoothStatus::kDone);
   EXPECT_LT((filter.smoothed()[0].state.x - smoother.smoothed()[0].state.x).norm(), 1e-9);
   EXPECT_LT((filter.smoothed()[0].P - smoother.smoothed()[0].P).norm(), 1e-9);
+}
+
+TEST(FixedLagFilter, GoesOnFromItsMemoryToTheBit) {
+  Lagged filter = lagged(6);
+  const Gate gate{.nis = 30.0};
+  for (int k = 1; k <= 9; ++k) {
+    const double off = k == 8 ? 90.0 : 0.3 * (k % 3);
+    static_cast<void>(filter.update(fix(2.0 * k + off, k), at(k), gate));
+  }
+  ASSERT_EQ(filter.advance(at(9.5)), UpdateStatus::kAccepted);
+  auto memory = filter.memory();
+  ASSERT_EQ(memory.arrivals.size(), 6u);
+  Lagged again(Motion{{0.2, 0.1}}, memory);
+  EXPECT_EQ(again.state().x, filter.state().x);
+  EXPECT_EQ(again.covariance(), filter.covariance());
+  EXPECT_EQ(again.epoch(), filter.epoch());
+  EXPECT_EQ(again.oldest_epoch(), filter.oldest_epoch());
+  for (Lagged* each : {&filter, &again}) {
+    EXPECT_TRUE(each->update(fix(13, 6.4), at(6.5)).accepted());
+    EXPECT_EQ(each->update(fix(8, 4), at(3.9)).status, UpdateStatus::kTooLate);
+  }
+  EXPECT_EQ(again.state().x, filter.state().x);
+  std::swap(memory.arrivals[1].epoch, memory.arrivals[2].epoch);
+  EXPECT_THROW(Lagged(Motion{}, memory), std::invalid_argument);
+  memory.capacity = 2;
+  EXPECT_THROW(Lagged(Motion{}, memory), std::invalid_argument);
 }
 
 TEST(FixedLagFilter, SetUpThatIsNone) {

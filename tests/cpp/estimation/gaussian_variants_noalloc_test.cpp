@@ -63,9 +63,14 @@ TEST(NoAllocOfMany, MultipleModelsAndFixedLag) {
   const Epoch start = Epoch::from_seconds(TimeScale::kGps, 1e9);
   FixedLagFilter<ExtendedKalmanFilter<Vehicle>, Motion, Fix, PlanarRange> lagged(
       ExtendedKalmanFilter<Vehicle>(test::vehicle(0, 0, 1, 1), P0), Motion{{0.1, 0.1}}, start, 6);
+  const std::array<PlanarRange, 2> ranges{PlanarRange{Eigen::Vector2d(60, 10)}, PlanarRange{Eigen::Vector2d(10, 60)}};
+  const Eigen::MatrixXd noise = R;
+  Eigen::VectorXd z(2);
   EXPECT_EQ(test::allocations_of([&] {
               for (int k = 1; k <= 20; ++k) {
                 ASSERT_EQ(imm.predict(1.0), UpdateStatus::kAccepted);
+                z.setConstant((Eigen::Vector2d(60, 10) - Eigen::Vector2d(k, k)).norm());
+                ASSERT_TRUE(imm.update(Correlated<PlanarRange>{ranges, z, noise}).accepted());
                 ASSERT_TRUE(imm.update(Fix{}, Eigen::Vector2d(k, k), R).accepted());
                 ASSERT_TRUE(lagged.update(Observed<Fix>({}, Eigen::Vector2d(k, k), R), start + k).accepted());
                 if (k > 4) {

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -87,6 +88,36 @@ TEST(InteractingMultipleModel, OneStepEqualsTheFormulas) {
   EXPECT_NEAR(imm.modes()[0].state().x[0], from0 * x[0] + (1.0 - from0) * x[1], 1e-12);
   EXPECT_NEAR(imm.modes()[0].covariance()(0, 0),
               from0 * P[0] + (1.0 - from0) * P[1] + from0 * (1.0 - from0) * std::pow(x[0] - x[1], 2) + 0.5, 1e-12);
+}
+
+TEST(InteractingMultipleModel, AGroupWithOneCovarianceIsAModelOfItsRows) {
+  const auto make = [] {
+    return InteractingMultipleModel(test::vehicle(10, 20, 1, 0), Eigen::Matrix4d::Identity(), kSticky,
+                                    Eigen::Vector2d(0.3, 0.7), Motion{{0.1, 0.1}}, Motion{{5.0, 5.0}});
+  };
+  auto by_rows = make(), by_model = make();
+  // Ranges far off along the axes are the coordinates, but for a constant.
+  const std::array<PlanarRange, 2> ranges{PlanarRange{Eigen::Vector2d(-1e6, 0)}, PlanarRange{Eigen::Vector2d(0, -1e6)}};
+  const Eigen::Matrix2d R = (Eigen::Matrix2d() << 1.0, 0.4, 0.4, 2.0).finished();
+  for (int k = 0; k < 10; ++k) {
+    ASSERT_EQ(by_rows.predict(0.5), UpdateStatus::kAccepted);
+    ASSERT_EQ(by_model.predict(0.5), UpdateStatus::kAccepted);
+    const Eigen::Vector2d at(10.0 + k + (k % 2), 20.0 - 0.5 * k);
+    const Eigen::VectorXd z = at.array() + 1e6;
+    const auto a = by_rows.update(Correlated<PlanarRange>{ranges, z, R});
+    const auto b = by_model.update(Fix{}, at, R);
+    ASSERT_TRUE(a.accepted());
+    EXPECT_NEAR(a.nis, b.nis, 1e-3);
+    EXPECT_NEAR(by_rows.log_likelihood(), by_model.log_likelihood(), 1e-3);
+    EXPECT_LT((by_rows.state().x - by_model.state().x).norm(), 1e-3);
+    EXPECT_LT((by_rows.covariance() - by_model.covariance()).norm(), 1e-3);
+    EXPECT_LT((by_rows.probabilities() - by_model.probabilities()).norm(), 1e-3);
+  }
+  const auto before = by_rows.state().x;
+  const Eigen::VectorXd far = Eigen::Vector2d(1e6 + 500, 1e6);
+  EXPECT_EQ(by_rows.update(Correlated<PlanarRange>{ranges, far, R}, Gate{.nis = 20.0}).status, UpdateStatus::kGated);
+  EXPECT_EQ(by_rows.update<1>(Correlated<PlanarRange>{ranges, far, R}).status, UpdateStatus::kTooManyRows);
+  EXPECT_EQ(by_rows.state().x, before);
 }
 
 TEST(InteractingMultipleModel, MixesHeadingsAndAttitudesInTheTangent) {

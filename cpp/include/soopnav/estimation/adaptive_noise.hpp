@@ -78,8 +78,17 @@ class AdaptiveProcessNoise {
 
   /// Factor on the covariance of the process noise.
   [[nodiscard]] double multiplier() const noexcept { return std::exp(log_multiplier_); }
+  /// Its logarithm, which is what is estimated.
+  [[nodiscard]] double log_multiplier() const noexcept { return log_multiplier_; }
   /// Fisher information about log(multiplier) in memory.
   [[nodiscard]] double information() const noexcept { return information_; }
+  [[nodiscard]] const AdaptiveNoiseOptions& options() const noexcept { return options_; }
+
+  /// Puts back what this object (or another of the same options) had learnt.
+  void restore(double log_multiplier, double information) noexcept {
+    log_multiplier_ = log_multiplier;
+    information_ = information;
+  }
 
   /// `process` with its noise as it is estimated now.
   template <class Process>

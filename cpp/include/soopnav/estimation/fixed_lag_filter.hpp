@@ -43,6 +43,25 @@ class FixedLagFilter {
   using State = typename Filter::State;
   using Square = typename Filter::Square;
   using Input = InputOf<Process>;
+  using Observation = std::variant<std::monostate, Observed<Models>...>;
+
+  /// What arrived: an observation, an input or neither.
+  struct Arrival {
+    Epoch epoch;
+    std::optional<Input> input;
+    Observation observation;
+    Gate gate;
+  };
+  /// All that a filter is made of, for `memory` and its constructor.
+  struct Memory {
+    Filter filter;     ///< before the events kept
+    Epoch epoch;       ///< of `filter`
+    Input input;       ///< in force then
+    Epoch oldest;      ///< see `oldest_epoch`
+    Epoch last_input;  ///< inputs come after it
+    std::vector<Arrival> arrivals;
+    int capacity = 1;
+  };
 
   /// Starts with `filter` at `start`, under `input` until the first comes. Throws std::invalid_argument when `capacity`
   /// is not positive or `start` is no valid epoch.
@@ -62,20 +81,47 @@ class FixedLagFilter {
     smoothed_epochs_.reserve(room);
   }
 
+  /// Goes on where another was, to the bit: its events are done again. Throws std::invalid_argument when there are more
+  /// than the capacity, or they are not in order of their epochs.
+  FixedLagFilter(const Process& process, const Memory& memory)
+      : FixedLagFilter(memory.filter, process, memory.epoch, memory.capacity, memory.input) {
+    if (memory.arrivals.size() > static_cast<std::size_t>(memory.capacity)) {
+      throw std::invalid_argument("arrivals: " + std::to_string(memory.arrivals.size()) + ", more than the capacity");
+    }
+    base_epoch_ = memory.oldest;
+    for (const Arrival& arrival : memory.arrivals) {
+      if (!same_scale(arrival.epoch) || arrival.epoch < newest_epoch()) {
+        throw std::invalid_argument("arrivals: not in order of their epochs");
+      }
+      static_cast<void>(insert(arrival, [](const auto&) {}));
+    }
+    last_input_ = memory.last_input;
+  }
+  /// All that the filter is made of: to be kept elsewhere. Allocates.
+  [[nodiscard]] Memory memory() const {
+    Memory memory{base_.filter, base_.epoch, base_.input, base_epoch_, last_input_, {}, capacity()};
+    for (const int slot : order_) memory.arrivals.push_back(events_[static_cast<std::size_t>(slot)]);
+    return memory;
+  }
+
   /// Moves to `epoch` under the input in force. kTimeNotAdvancing unless it is after all events, kWrongTimeScale;
   /// else as the filter's predict.
   UpdateStatus advance(const Epoch& epoch) {
     if (!same_scale(epoch)) return UpdateStatus::kWrongTimeScale;
     if (!(epoch > newest_epoch())) return UpdateStatus::kTimeNotAdvancing;
-    return insert(epoch, std::nullopt, std::monostate{}, {}, [](const auto&) {});
+    return insert({epoch, std::nullopt, std::monostate{}, {}}, [](const auto&) {});
   }
   /// Moves to `epoch` under the input in force, from where `input` holds. Inputs come in order among themselves
-  /// (kTimeNotAdvancing otherwise) and may be late among observations (kTooLate beyond what is kept).
+  /// (kTimeNotAdvancing otherwise) and may be late among observations (kTooLate beyond what is kept). kNonFinite, with
+  /// nothing changed, for an input that is not finite.
   UpdateStatus advance(const Epoch& epoch, const Input& input) requires detail::kDriven<Process> {
     if (!same_scale(epoch)) return UpdateStatus::kWrongTimeScale;
     if (!(epoch > last_input_)) return UpdateStatus::kTimeNotAdvancing;
     if (epoch < base_epoch_) return UpdateStatus::kTooLate;
-    const UpdateStatus status = insert(epoch, input, std::monostate{}, {}, [](const auto&) {});
+    if constexpr (requires { input.all_finite(); }) {
+      if (!input.all_finite()) return UpdateStatus::kNonFinite;
+    }
+    const UpdateStatus status = insert({epoch, input, std::monostate{}, {}}, [](const auto&) {});
     last_input_ = epoch;
     return status;
   }
@@ -95,7 +141,7 @@ class FixedLagFilter {
       report.status = UpdateStatus::kTooLate;
     }
     if (!report.accepted()) return report;
-    const UpdateStatus moved = insert(epoch, std::nullopt, observed, gate, [&report](const auto& now) {
+    const UpdateStatus moved = insert({epoch, std::nullopt, observed, gate}, [&report](const auto& now) {
       if constexpr (std::same_as<std::remove_cvref_t<decltype(now)>, Report>) report = now;
     });
     if (moved != UpdateStatus::kAccepted) report.status = moved;
@@ -141,21 +187,16 @@ class FixedLagFilter {
   [[nodiscard]] std::span<const Epoch> smoothed_epochs() const noexcept { return smoothed_epochs_; }
 
  private:
-  using Observation = std::variant<std::monostate, Observed<Models>...>;
   struct Snapshot {
     Filter filter;
     Epoch epoch;
     Input input;
   };
-  struct Event {
+  struct Event : Arrival {
     explicit Event(const Snapshot& snapshot)
         : after(snapshot),
           record{snapshot.filter.state(), snapshot.filter.covariance(), snapshot.filter.state(),
                  snapshot.filter.covariance(), snapshot.filter.covariance()} {}
-    Epoch epoch;
-    std::optional<Input> input;
-    Observation observation;
-    Gate gate;
     Snapshot after;
     StepRecord<State> record;
   };
@@ -180,18 +221,13 @@ class FixedLagFilter {
   }
 
   template <class Sink>
-  UpdateStatus insert(const Epoch& epoch, const std::optional<Input>& input, const Observation& observation,
-                      const Gate& gate, const Sink& sink) {
+  UpdateStatus insert(const Arrival& arrival, const Sink& sink) {
     std::size_t position = order_.size();
-    while (position > 0 && epoch < event(position - 1).epoch) --position;
+    while (position > 0 && arrival.epoch < event(position - 1).epoch) --position;
     const int slot = free_ >= 0 ? free_ : size();  // slots are used up in turn before any comes free
     free_ = -1;
     order_.insert(order_.begin() + static_cast<std::ptrdiff_t>(position), slot);
-    Event& fresh = event(position);
-    fresh.epoch = epoch;
-    fresh.input = input;
-    fresh.observation = observation;
-    fresh.gate = gate;
+    static_cast<Arrival&>(event(position)) = arrival;
     UpdateStatus status = UpdateStatus::kAccepted;
     try {
       status = run(position, sink);

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "soopnav/core/status.hpp"
+#include "soopnav/estimation/detail/gaussian_update.hpp"
 #include "soopnav/estimation/extended_kalman_filter.hpp"
 #include "soopnav/estimation/observed.hpp"
 #include "soopnav/estimation/prediction.hpp"
@@ -137,34 +138,76 @@ requires(sizeof...(Processes) >= 1 && (ProcessModelFor<Processes, StateType> && 
   template <MeasurementModelFor<State> Model>
   UpdateReport<Model::kDim> update(const Model& model, const Eigen::Matrix<double, Model::kDim, 1>& z,
                                    const Eigen::Matrix<double, Model::kDim, Model::kDim>& R, const Gate& gate = {}) {
-    constexpr int kM = Model::kDim;
+    return weigh<UpdateReport<Model::kDim>>(
+        [&](Filter& mode) { return mode.update(model, z, R); },
+        [&](int row, double a, double b) { return detail::residual(model, row, a, b); }, gate);
+  }
+  template <MeasurementModelFor<State> Model>
+  requires(Model::kDim == 1) UpdateReport<1> update(const Model& model, double z, double variance,
+                                                    const Gate& gate = {}) {
+    return update(model, Eigen::Matrix<double, 1, 1>(z), Eigen::Matrix<double, 1, 1>(variance), gate);
+  }
+  template <class Model>
+  UpdateReport<Model::kDim> update(const Observed<Model>& observed, const Gate& gate = {}) {
+    return update(observed.model, observed.z, observed.R, gate);
+  }
+
+  /// Takes observations with a common covariance in at once, at most `MaxRows` rows. Refused as by
+  /// ExtendedKalmanFilter::update of a group, by any of the modes; kGated by the innovation of the mixture.
+  template <int MaxRows = 16, class Model>
+  UpdateReport<Eigen::Dynamic, MaxRows> update(const Correlated<Model>& group, const Gate& gate = {}) {
+    return weigh<UpdateReport<Eigen::Dynamic, MaxRows>>(
+        [&](Filter& mode) { return mode.template update<MaxRows>(group); },
+        [&](int row, double a, double b) {
+          return detail::residual(group.models[at(row / Model::kDim)], row % Model::kDim, a, b);
+        },
+        gate);
+  }
+
+  /// Least variances of every mode, as ExtendedKalmanFilter::set_covariance_floor; each mode counts its own.
+  void set_covariance_floor(const Tangent& variance) {
+    for (Filter& mode : modes_) mode.set_covariance_floor(variance);
+  }
+
+ private:
+  [[nodiscard]] static constexpr std::size_t at(int mode) noexcept { return static_cast<std::size_t>(mode); }
+
+  // Updates each mode by `update_mode` and weighs it by the likelihood of its innovation; `residual(row, a, b)` is a -
+  // b of a row of z.
+  template <class Report, class UpdateMode, class Residual>
+  Report weigh(const UpdateMode& update_mode, const Residual& residual, const Gate& gate) {
+    using Vector = typename Report::Vector;
     Modes updated = modes_;
-    std::array<UpdateReport<kM>, sizeof...(Processes)> reports;
+    std::array<Report, sizeof...(Processes)> reports;
     for (int j = 0; j < kModes; ++j) {
-      reports[at(j)] = updated[at(j)].update(model, z, R);
+      reports[at(j)] = update_mode(updated[at(j)]);
       if (!reports[at(j)].accepted()) return reports[at(j)];
     }
     // Innovations are averaged about that of the most probable mode, rows the short way round.
     int likely = 0;
     probabilities_.maxCoeff(&likely);
-    UpdateReport<kM> report = reports[at(likely)];
-    std::array<Eigen::Matrix<double, kM, 1>, sizeof...(Processes)> apart;
-    Eigen::Matrix<double, kM, 1> mean = Eigen::Matrix<double, kM, 1>::Zero();
+    Report report = reports[at(likely)];
+    const auto rows = static_cast<int>(report.innovation.size());
+    std::array<Vector, sizeof...(Processes)> apart;
+    Vector mean = Vector::Zero(rows);
     for (int j = 0; j < kModes; ++j) {
-      for (int i = 0; i < kM; ++i) {
-        apart[at(j)][i] = detail::residual(model, i, static_cast<double>(reports[at(j)].innovation[i]),
-                                           static_cast<double>(reports[at(likely)].innovation[i]));
+      apart[at(j)] = Vector::Zero(rows);
+      for (int i = 0; i < rows; ++i) {
+        apart[at(j)][i] = residual(i, static_cast<double>(reports[at(j)].innovation[i]),
+                                   static_cast<double>(reports[at(likely)].innovation[i]));
       }
       mean += probabilities_[j] * apart[at(j)];
     }
     report.innovation += mean;
     report.covariance.setZero();
     for (int j = 0; j < kModes; ++j) {
-      const Eigen::Matrix<double, kM, 1> difference = apart[at(j)] - mean;
+      const Vector difference = apart[at(j)] - mean;
       report.covariance += probabilities_[j] * (reports[at(j)].covariance + difference * difference.transpose());
     }
-    Eigen::Matrix<double, 1, kM> gain;
-    if (!detail::innovate(report, Eigen::Matrix<double, 1, kM>::Zero().eval(), gate, gain)) return report;
+    using Row = detail::BoundedMatrix<1, Vector::RowsAtCompileTime, 1, Vector::MaxRowsAtCompileTime>;
+    const Row nothing = Row::Zero(1, rows);
+    Row gain = nothing;
+    if (!detail::innovate(report, nothing, gate, gain)) return report;
 
     Probabilities logs;
     for (int j = 0; j < kModes; ++j) {
@@ -184,23 +227,6 @@ requires(sizeof...(Processes) >= 1 && (ProcessModelFor<Processes, StateType> && 
     report.status = UpdateStatus::kAccepted;
     return report;
   }
-  template <MeasurementModelFor<State> Model>
-  requires(Model::kDim == 1) UpdateReport<1> update(const Model& model, double z, double variance,
-                                                    const Gate& gate = {}) {
-    return update(model, Eigen::Matrix<double, 1, 1>(z), Eigen::Matrix<double, 1, 1>(variance), gate);
-  }
-  template <class Model>
-  UpdateReport<Model::kDim> update(const Observed<Model>& observed, const Gate& gate = {}) {
-    return update(observed.model, observed.z, observed.R, gate);
-  }
-
-  /// Least variances of every mode, as ExtendedKalmanFilter::set_covariance_floor; each mode counts its own.
-  void set_covariance_floor(const Tangent& variance) {
-    for (Filter& mode : modes_) mode.set_covariance_floor(variance);
-  }
-
- private:
-  [[nodiscard]] static constexpr std::size_t at(int mode) noexcept { return static_cast<std::size_t>(mode); }
 
   template <class Process>
   static UpdateStatus move_mode(Filter& mode, const Process& process, const Input& input, double dt_s) {
