@@ -14,7 +14,7 @@ PAGE = (ROOT / "docs/estimation.md").read_text(encoding="utf-8")
 @pytest.mark.example
 def test_python_blocks_run(capsys: pytest.CaptureFixture[str]) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     exec(compile("\n".join(blocks), "docs/estimation.md", "exec"), {})
     assert capsys.readouterr().out.startswith("P0: not positive semi-definite")
 
