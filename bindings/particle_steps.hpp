@@ -126,15 +126,22 @@ class WeighStep {
 
   using Kernel = void (*)(const void* model, const T* z, const RoleMap& roles, const T* const* columns, T* residuals,
                           std::size_t n, bool wide);
+  /// Adds the log-likelihoods of independent rows of `count` models of one kind, `weights` being 1 / sigma of each row.
+  using AlikeKernel = void (*)(const void* const* models, std::size_t count, const T* z, const T* weights,
+                               const RoleMap& roles, const T* const* columns, T* log_likelihood, std::size_t n,
+                               bool wide);
 
  private:
   struct Part {
     const void* model;
     Kernel kernel;
     std::size_t rows;
+    AlikeKernel alike;
   };
   struct Group {
     std::vector<Part> parts;
+    std::vector<const void*> models;  // of the parts
+    bool alike = false;               // parts of one kind, rows independent, no outliers
     std::size_t rows = 0;
     bool diagonal = true;
     bool contaminated = false;

@@ -53,6 +53,49 @@ void run_residuals(const void* model, const T* z, const RoleMap& roles, const T*
   soopnav::detail::CompiledLoop<ResidualBody<Model, T>>{body, wide}(0);
 }
 
+// Models of one kind, rows independent of each other: without residuals in between.
+template <class Model, class T>
+struct AlikeBody {
+  const void* const* models;
+  std::size_t count;
+  const T* z;
+  const T* weights;
+  const RoleMap& roles;
+  const T* const* columns;
+  T* log_likelihood;
+  std::size_t n;
+
+  void operator()(std::size_t /*piece*/) const {
+    using P = Packet<T>;
+    constexpr auto kRows = static_cast<std::size_t>(Model::kDim);
+    const P nothing(-std::numeric_limits<T>::infinity());
+    for (std::size_t at = 0; at < n; at += P::kWidth) {
+      const ColumnView<typename Model::Frame, T> x{roles, columns, at};
+      P square(T{0});
+      bool defined = true;
+      for (std::size_t k = 0; k < count; ++k) {
+        ValuePrediction<P, Model::kDim> y;
+        defined = static_cast<const Model*>(models[k])->predict(x, y) && defined;
+        for (std::size_t i = 0; i < kRows; ++i) {
+          const std::size_t row = k * kRows + i;
+          const P r = soopnav::detail::residual<Model>(static_cast<int>(i), P(z[row]), y.z[i]) * P(weights[row]);
+          square += r * r;
+        }
+      }
+      const P exponent = square * P(static_cast<T>(-0.5));
+      const P value = defined ? select(exponent <= P(T{0}), exponent, nothing) : nothing;
+      (P::load(log_likelihood + at) + value).store(log_likelihood + at);
+    }
+  }
+};
+
+template <class Model, class T>
+void run_alike(const void* const* models, std::size_t count, const T* z, const T* weights, const RoleMap& roles,
+               const T* const* columns, T* log_likelihood, std::size_t n, bool wide) {
+  const AlikeBody<Model, T> body{models, count, z, weights, roles, columns, log_likelihood, n};
+  soopnav::detail::CompiledLoop<AlikeBody<Model, T>>{body, wide}(0);
+}
+
 // Log-likelihoods from residuals: -|W r|²/2, with or without a share of outliers.
 template <class T>
 struct GroupBody {
@@ -144,6 +187,8 @@ typename WeighStep<T>::Group& WeighStep<T>::next_group() {
   if (used_ == groups_.size()) groups_.emplace_back();
   Group& group = groups_[used_++];
   group.parts.clear();
+  group.models.clear();
+  group.alike = false;
   group.rows = 0;
   group.diagonal = true;
   group.contaminated = false;
@@ -166,10 +211,13 @@ UpdateStatus WeighStep<T>::add(const Observations& observations) {
     if (group == nullptr || contaminated || group->rows + rows > kMaxGroupRows) group = &next_group();
     const auto part = std::visit(
         []<class Model>(const Model& model) {
-          return Part{&model, &weigh_detail::run_residuals<Model, T>, 0};
+          return Part{&model, &weigh_detail::run_residuals<Model, T>, 0, &weigh_detail::run_alike<Model, T>};
         },
         measurement->model());
-    group->parts.push_back({part.model, part.kernel, rows});
+    group->alike = !full && !contaminated && (group->parts.empty() || group->parts[0].alike == part.alike) &&
+                   (group->parts.empty() || group->alike);
+    group->parts.push_back({part.model, part.kernel, rows, part.alike});
+    group->models.push_back(part.model);
     for (std::size_t i = 0; i < rows; ++i, ++row) {
       const std::size_t at = group->rows + i;
       group->z[at] = static_cast<T>(observations.z[row]);
@@ -233,6 +281,13 @@ void WeighStep<T>::weigh(const T* const* before, const T* const* after, T* log_l
   std::array<T, kMaxGroupRows * kChunk> residuals;
   for (std::size_t g = 0; g < used_; ++g) {
     const Group& group = groups_[g];
+    if (group.alike) {
+      std::array<T, kMaxGroupRows> weights;
+      for (std::size_t i = 0; i < group.rows; ++i) weights[i] = group.W[i * kMaxGroupRows + i];
+      group.parts[0].alike(group.models.data(), group.models.size(), group.z.data(), weights.data(), roles_, after,
+                           log_likelihood, n, wide_);
+      continue;
+    }
     std::size_t row = 0;
     for (const Part& part : group.parts) {
       part.kernel(part.model, group.z.data() + row, roles_, after, residuals.data() + row * kChunk, n, wide_);
