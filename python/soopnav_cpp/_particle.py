@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -24,9 +23,13 @@ from soopnav_cpp._particle_data import (
     Prior,
     Samples,
     Uniform,
+    check_saved,
+    core_adaptive,
     core_prior,
+    integer,
     measured_of,
     observation_of,
+    one_of,
     series_of,
     vector,
 )
@@ -71,32 +74,6 @@ class _Settings:
     marginalized_clock: bool = False
     walls: Array | None = None
     inside: Array | None = None
-
-
-def _integer(value: Any, name: str, low: int, high: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ValueError(f"{name}: an integer expected, got {type(value).__name__}") from None
-    if not low <= number <= high:
-        raise ValueError(f"{name}: {number} is not in {low} … {high}")
-    return number
-
-
-def _one_of(value: str, name: str, choices: Sequence[str]) -> str:
-    if value not in choices:
-        raise ValueError(f"{name}: {value!r} is none of {', '.join(map(repr, choices))}")
-    return value
-
-
-def _core_adaptive(adaptive: AdaptiveCount | None) -> _estimation.AdaptiveCount:
-    if adaptive is None:
-        return _estimation.AdaptiveCount([], 1, 1.0, 0.99)
-    sizes = vector(adaptive.bin_sizes, "adaptive.bin_sizes")
-    if len(sizes) == 0:
-        raise ValueError("adaptive.bin_sizes: one number for each component expected, got none")
-    least = _integer(adaptive.least, "adaptive.least", 1, 2**31 - 1)
-    return _estimation.AdaptiveCount(sizes, least, float(adaptive.divergence), float(adaptive.probability))
 
 
 class ParticleFilter:
@@ -173,15 +150,15 @@ class ParticleFilter:
     ) -> None:
         names = tuple(state) if state is not None and not isinstance(state, str) else state
         self._settings = _Settings(
-            _integer(count, "count", 1, 2**31 - 1),
+            integer(count, "count", 1, 2**31 - 1),
             prior,
             names,
-            _integer(seed, "seed", 0, 2**64 - 1),
-            _integer(threads, "threads", 1, 256),
-            _one_of(resampling, "resampling", tuple(_RESAMPLING)),
+            integer(seed, "seed", 0, 2**64 - 1),
+            integer(threads, "threads", 1, 256),
+            one_of(resampling, "resampling", tuple(_RESAMPLING)),
             float(ess_threshold),
-            _one_of(precision, "precision", ("double", "float")),
-            _one_of(recovery, "recovery", ("keep", "restart")),
+            one_of(precision, "precision", ("double", "float")),
+            one_of(recovery, "recovery", ("keep", "restart")),
             bool(auxiliary),
             float(regularisation),
             adaptive,
@@ -212,7 +189,7 @@ class ParticleFilter:
             portable=False,
             auxiliary=s.auxiliary,
             regularisation=s.regularisation,
-            adaptive=_core_adaptive(s.adaptive),
+            adaptive=core_adaptive(s.adaptive),
             marginalized_clock=s.marginalized_clock,
         )
 
@@ -292,8 +269,8 @@ class ParticleFilter:
             if component not in names:
                 raise ValueError(f"component: {component!r} is none of {', '.join(map(repr, names))}")
             component = names.index(component)
-        index = _integer(component, "component", 0, len(names) - 1)
-        count = _integer(bins, "bins", 1, 10**7)
+        index = integer(component, "component", 0, len(names) - 1)
+        count = integer(bins, "bins", 1, 10**7)
         if range is not None:
             low, high = map(float, range)
         else:
@@ -406,8 +383,7 @@ class ParticleFilter:
         if z is not None or sigma is not None or R is not None:
             raise ValueError("z, sigma, R: not with a likelihood of your own")
         if process is None:
-            x = self._cloud.next_particles()
-            return self._weigh(likelihood(x), may_resample=True)
+            return self._resampled_first(lambda x: self._weigh(likelihood(x), may_resample=True))
         before = self._cloud.save()
         moved = self._move(process, dt_s, input, noise, [])
         if not moved.accepted:
@@ -438,7 +414,7 @@ class ParticleFilter:
         ----------
         walls : array_like, shape (W, 2, 2), optional
             Ends of walls in the plane of the first two axes [m]: particles whose step crosses or touches one lose
-            their weight.
+            their weight. The ends of a wall differ.
         inside : array_like, shape (n, 2), optional
             Bounds of each component, infinite ones for none: particles outside lose their weight, at once and after
             each step.
@@ -451,6 +427,9 @@ class ParticleFilter:
         ends = None if walls is None else np.asarray(walls, np.float64)
         if ends is not None and (ends.ndim != 3 or ends.shape[1:] != (2, 2)):
             raise ValueError(f"walls: shape {ends.shape}, expected (W, 2, 2)")
+        for index, (a, b) in enumerate(() if ends is None else ends):
+            if np.array_equal(a, b):
+                raise ValueError(f"walls[{index}]: both ends are {a.tolist()}; they must differ")
         box = None if inside is None else np.asarray(inside, np.float64)
         n = len(self.component_names)
         if box is not None and box.shape != (n, 2):
@@ -469,6 +448,27 @@ class ParticleFilter:
             raise ValueError(f"log_likelihood: shape {values.shape}, expected ({self.count},)")
         return self._cloud.reweight(values, may_resample)
 
+    def _resampled_first(
+        self, call: Callable[[Array], ParticleReport], observations: Sequence[Observation] = ()
+    ) -> ParticleReport:
+        """`call` with the particles as a step begins with them; the filter as it was when that raises or refuses."""
+        s = self._settings
+        if s.regularisation == 0.0 and s.adaptive is None:
+            return call(self._cloud.next_particles())  # looked at before they are resampled
+        before = self._cloud.save()
+        alike = self.ess == self.count
+        try:
+            x = self._cloud.next_particles()
+            resampled = not alike and self.ess == self.count
+            report = call(x)
+        except BaseException:
+            self._cloud.restore(*before)
+            raise
+        if report.status not in (ParticleStatus.ACCEPTED, ParticleStatus.DEGENERATE):
+            self._cloud.restore(*before)
+            return self._cloud.update(list(observations))  # refused again, with the effective sample size that stays
+        return _estimation.joined_report(report, resampled)
+
     def _move(
         self,
         process: Any,
@@ -480,12 +480,15 @@ class ParticleFilter:
         if callable(process):
             if input is not None:
                 raise ValueError("input: not with a process of your own")
-            x = self._cloud.next_particles()
-            k = x.shape[1] if noise is None else _integer(noise, "noise", 0, 64)
-            moved = np.asarray(process(x, self._cloud.next_noise(k)), np.float64)
-            if moved.shape != x.shape:
-                raise ValueError(f"process: returned shape {moved.shape}, expected {x.shape}")
-            return self._cloud.step_to(moved, observations)
+
+            def step_to(x: Array) -> ParticleReport:
+                k = x.shape[1] if noise is None else integer(noise, "noise", 0, 64)
+                moved = np.asarray(process(x, self._cloud.next_noise(k)), np.float64)
+                if moved.shape != x.shape:
+                    raise ValueError(f"process: returned shape {moved.shape}, expected {x.shape}")
+                return self._cloud.step_to(moved, observations)
+
+            return self._resampled_first(step_to, observations)
         if not isinstance(process, Process):
             raise ValueError(f"process: a process model or a callable expected, got {type(process).__name__}")
         driven = None if input is None else vector(input, "input")
@@ -562,14 +565,8 @@ class ParticleFilter:
 
     def restore(self, saved: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over what another filter of the same settings gave from `save`; it goes on with the same bits."""
-        wanted = ("particles", "log_weights", "log_likelihood", "steps", "restarts", "clock_covariance")
-        missing = [name for name in wanted if name not in saved]
-        if missing:
-            raise ValueError(f"saved: no {', '.join(missing)}")
-        n = len(self.component_names)
-        count = len(np.atleast_1d(saved["log_weights"])) if self._settings.adaptive else self._settings.count
-        if np.shape(saved["particles"]) != (count, n):
-            raise ValueError(f"saved['particles']: shape {np.shape(saved['particles'])}, expected ({count}, {n})")
+        most = self._settings.count
+        check_saved(saved, len(self.component_names), 1 if self._settings.adaptive else most, most)
         self._cloud.restore(
             saved["particles"],
             saved["log_weights"],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -169,6 +170,32 @@ def vector(value: npt.ArrayLike, name: str) -> Array:
     return array
 
 
+def integer(value: Any, name: str, low: int, high: int) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name}: an integer expected, got {type(value).__name__}") from None
+    if not low <= number <= high:
+        raise ValueError(f"{name}: {number} is not in {low} … {high}")
+    return number
+
+
+def one_of(value: str, name: str, choices: Sequence[str]) -> str:
+    if value not in choices:
+        raise ValueError(f"{name}: {value!r} is none of {', '.join(map(repr, choices))}")
+    return value
+
+
+def core_adaptive(adaptive: AdaptiveCount | None) -> _estimation.AdaptiveCount:
+    if adaptive is None:
+        return _estimation.AdaptiveCount([], 1, 1.0, 0.99)
+    sizes = vector(adaptive.bin_sizes, "adaptive.bin_sizes")
+    if len(sizes) == 0:
+        raise ValueError("adaptive.bin_sizes: one number for each component expected, got none")
+    least = integer(adaptive.least, "adaptive.least", 1, 2**31 - 1)
+    return _estimation.AdaptiveCount(sizes, least, float(adaptive.divergence), float(adaptive.probability))
+
+
 def models_of(model: Measurement | Sequence[Measurement], name: str) -> list[Measurement]:
     models = list(model) if isinstance(model, Sequence) else [model]
     if not models:
@@ -271,6 +298,29 @@ def measured_of(group: Measured | tuple[Any, ...], name: str) -> Measured:
         return Measured(model, z, R=R, mask=mask)
     variances = np.asarray(R, np.float64)
     return Measured(model, z, sigma=np.copysign(np.sqrt(np.abs(variances)), variances), mask=mask)
+
+
+def check_saved(saved: Mapping[str, npt.NDArray[Any]], n: int, least: int, most: int) -> None:
+    """Refuse what no filter of n components and `least` to `most` particles can have saved."""
+    wanted = ("particles", "log_weights", "log_likelihood", "steps", "restarts", "clock_covariance")
+    missing = [name for name in wanted if name not in saved]
+    if missing:
+        raise ValueError(f"saved: no {', '.join(missing)}")
+    count = max(least, min(most, np.size(saved["log_weights"])))
+    for name, shape in (("particles", (count, n)), ("log_weights", (count,))):
+        if np.shape(saved[name]) != shape:
+            raise ValueError(f"saved['{name}']: shape {np.shape(saved[name])}, expected {shape}")
+    if not np.isfinite(saved["log_likelihood"]):
+        raise ValueError(f"saved['log_likelihood']: {float(saved['log_likelihood'])}, a finite number expected")
+    for name in ("steps", "restarts"):
+        integer(np.asarray(saved[name]).item(), f"saved['{name}']", 0, 2**64 - 1)
+    clock = np.asarray(saved["clock_covariance"], np.float64)
+    size = round(np.sqrt(clock.size))
+    P = clock.reshape(size, size) if size * size == clock.size else np.full((1, 1), np.nan)
+    scale = np.abs(P).max(initial=0.0)
+    sound = bool(np.isfinite(scale)) and np.allclose(P, P.T, rtol=0.0, atol=1e-9 * scale)
+    if not (sound and np.linalg.eigvalsh(P).min(initial=0.0) >= -1e-9 * scale):
+        raise ValueError("saved['clock_covariance']: finite, symmetric and positive semi-definite expected")
 
 
 def core_prior(prior: Prior) -> tuple[ParticlePrior, int]:

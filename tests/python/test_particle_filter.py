@@ -654,6 +654,7 @@ def test_filters_that_cannot_be(make, words):
         (lambda pf: pf.reweight(np.zeros(7)), r"log_likelihood: shape \(7,\), expected \(300,\)"),
         (lambda pf: pf.constrain(walls=np.zeros((3, 2))), "walls: shape"),
         (lambda pf: pf.constrain(walls=np.full((1, 2, 2), np.nan)), "walls: a number is not finite"),
+        (lambda pf: pf.constrain(walls=[[[0, 1], [2, 3]], [[9, 9], [9, 9]]]), r"walls\[1\]: both ends are \[9.0"),
         (lambda pf: pf.constrain(inside=[(0.0, 1.0)]), "inside: shape"),
         (lambda pf: pf.constrain(inside=[(1.0, 0.0), (0.0, 1.0)]), r"inside\[0\]"),
         (lambda pf: pf.constrain(inside=[(np.nan, 0.0), (0.0, 1.0)]), r"inside\[0\]"),

@@ -194,6 +194,79 @@ def test_regularisation_parts_the_copies_for_a_motion_of_ones_own():
     assert len(np.unique(plain.particles)) < 300
 
 
+RESAMPLED_FIRST = [{"regularisation": 1.0}, {"adaptive": AdaptiveCount([0.2, 0.2])}]
+
+
+def lopsided(options):
+    """A cloud whose next step begins by resampling."""
+    pf = ParticleFilter(400, prior=Gaussian([0.0, 0.0], np.eye(2)), seed=2, ess_threshold=1.0, **options)
+    pf.reweight(-2.0 * pf.particles[:, 0] ** 2)
+    return pf
+
+
+def all_saved(pf):
+    return [np.asarray(value).tobytes() for value in pf.save().values()]
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("options", RESAMPLED_FIRST, ids=["spread", "adaptive"])
+def test_what_fails_after_resampling_leaves_the_filter_as_it_was(options):
+    pf = lopsided(options)
+    before = all_saved(pf)
+    calls = [
+        (lambda: pf.step(lambda x: 1 / 0), ZeroDivisionError),
+        (lambda: pf.step(lambda x: [0.0]), ValueError),
+        (lambda: pf.step(lambda x: 1 / 0, process=lambda x, w: x), ZeroDivisionError),
+        (lambda: pf.predict(lambda x, w: 1 / 0), ZeroDivisionError),
+        (lambda: pf.predict(lambda x, w: x[:3]), ValueError),
+        (lambda: pf.predict(lambda x, w: x, noise=-1), ValueError),
+    ]
+    for call, error in calls:
+        with pytest.raises(error):
+            call()
+        assert all_saved(pf) == before
+    report = pf.step(measurement.Range([3.0, 0.0]), np.nan, 1.0, process=lambda x, w: x)
+    assert report.status == ParticleStatus.NON_FINITE
+    assert report.ess == pf.ess < 400
+    assert not report.resampled
+    assert all_saved(pf) == before
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("options", [{}, *RESAMPLED_FIRST], ids=["plain", "spread", "adaptive"])
+def test_a_step_of_ones_own_says_that_it_resampled(options):
+    for call in (
+        lambda pf: pf.step(lambda x: -(x[:, 1] ** 2)),
+        lambda pf: pf.predict(lambda x, w: x + 0.1 * w),
+        lambda pf: pf.step(lambda x: -(x[:, 1] ** 2), process=lambda x, w: x + 0.1 * w),
+    ):
+        pf = lopsided(options)
+        assert call(pf).resampled
+        pf.resample()
+        assert not call(pf).resampled  # equal weights
+
+
+@pytest.mark.unit
+def test_what_no_filter_saved_is_not_restored():
+    prior = Gaussian([0.0, 0.0, 0.0], np.diag([1.0, 1.0, 9.0]))
+    pf = ParticleFilter(50, prior=prior, state="position_clock2", marginalized_clock=True)
+    before = all_saved(pf)
+    bad = [
+        ("log_likelihood", np.nan, r"saved\['log_likelihood'\]: nan"),
+        ("steps", np.array(-1), r"saved\['steps'\]: -1"),
+        ("restarts", np.array(0.5), r"saved\['restarts'\]: an integer expected"),
+        ("log_weights", np.zeros(49), r"saved\['log_weights'\]: shape \(49,\)"),
+        ("clock_covariance", np.array([np.nan]), r"saved\['clock_covariance'\]"),
+        ("clock_covariance", np.array([-1.0]), r"saved\['clock_covariance'\]"),
+        ("clock_covariance", np.ones(3), r"saved\['clock_covariance'\]"),
+        ("clock_covariance", np.ones(4), "clock_covariance: wrong size"),
+    ]
+    for name, value, message in bad:
+        with pytest.raises(ValueError, match=message):
+            pf.restore(pf.save() | {name: value})
+        assert all_saved(pf) == before
+
+
 def test_set_up_is_checked():
     prior = Gaussian([0.0, 0.0], np.eye(2))
     bad = [
