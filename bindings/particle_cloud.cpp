@@ -205,6 +205,7 @@ ParticleReport ParticleCloud::weigh_with_clock(const AnyProcess* process, double
                                                const Constraints& constraints, bool may_resample) {
   Eigen::MatrixXd P = clock_P_;
   if (process != nullptr) P = (clock_F_ * clock_P_ * clock_F_.transpose() + clock_Q_).eval();
+  if (!P.allFinite()) return refused(UpdateStatus::kNonFinite);
   Observations all;
   if (const UpdateStatus status = join(observations, all); status != UpdateStatus::kAccepted) return refused(status);
   const Eigen::Index rows = all.z.size();

@@ -157,10 +157,13 @@ py::dict run(PyLagFilter& self, const std::vector<LateGroup>& measurements,
   std::fill_n(run.nis, events, std::numeric_limits<double>::quiet_NaN());
   py::array_t<std::uint8_t> status(events);
   run.status = status.mutable_data();
+  // Another thread may use the filter meanwhile: what runs without the interpreter's lock is a copy.
+  std::unique_ptr<LagFilter> copy = self.lag->clone();
   {
     const py::gil_scoped_release release;
-    self.lag->run(run);
+    copy->run(run);
   }
+  self.lag = std::move(copy);
   out["group"] = group;
   out["row"] = row;
   out["status"] = status;

@@ -74,7 +74,11 @@ py::dict run(PyKalmanFilter& self, const Numbers<"time_s">& time_s, const AnyPro
   run.start_s = start_s;
   run.process = &process;
   run.gate = to_gate(gate_nis, gate_residual, gate_residual_sigmas);
-  run.noise = noise.value_or(nullptr);
+  // Another thread may use the filter meanwhile: what runs without the interpreter's lock is a copy.
+  std::unique_ptr<KalmanFilter> copy = self.filter->clone();
+  std::optional<AdaptiveProcessNoise> learnt;
+  if (noise) learnt = **noise;
+  run.noise = learnt ? &*learnt : nullptr;
   run.inputs = to_inputs(inputs, T, static_cast<std::size_t>(process.input_size()), process.kind());
   std::vector<std::vector<double>> matrices;
   run.groups = to_groups(measurements, T, matrices);
@@ -106,8 +110,10 @@ py::dict run(PyKalmanFilter& self, const Numbers<"time_s">& time_s, const AnyPro
   run.predict_status = predict_status.mutable_data();
   {
     const py::gil_scoped_release release;
-    self.filter->run(run);
+    copy->run(run);
   }
+  self.filter = std::move(copy);
+  if (noise) **noise = *learnt;
   out["status"] = status;
   out["predict_status"] = predict_status;
   out["log_likelihood"] = run.log_likelihood;

@@ -108,10 +108,13 @@ py::dict run(PyMultipleModel& self, const Numbers<"time_s">& time_s, const Group
   std::fill_n(run.status, t * groups, kAbsent);
   py::array_t<std::uint8_t> predict_status(t);
   run.predict_status = predict_status.mutable_data();
+  // Another thread may use the filter meanwhile: what runs without the interpreter's lock is a copy.
+  std::unique_ptr<MultipleModel> copy = self.estimator->clone();
   {
     const py::gil_scoped_release release;
-    self.estimator->run(run);
+    copy->run(run);
   }
+  self.estimator = std::move(copy);
   out["status"] = status;
   out["predict_status"] = predict_status;
   out["log_likelihood"] = run.log_likelihood;

@@ -255,7 +255,44 @@ TEST(ParticleFilter, AnExceptionOfALikelihoodPassesOn) {
                  })),
                  std::runtime_error);
     EXPECT_EQ(numbers(f), before);
+    Filter untouched = make({.count = 2000, .threads = threads});
+    f.resample();
+    untouched.resample();
+    EXPECT_EQ(numbers(f), numbers(untouched));
     EXPECT_TRUE(f.update(planar_epoch(1)).accepted());
+  }
+}
+
+// Throws for the second chunk and all behind it.
+struct Fails {
+  static constexpr int kNoise = 0;
+  std::atomic<int>* calls;
+  template <class X, class W, class Y>
+  [[nodiscard]] bool propagate(const X& x, double /*dt_s*/, const W& /*w*/, Y& y) const {
+    if (calls->fetch_add(1) > 100) throw std::runtime_error("no motion");
+    y.next(kPositionOf<1>)[0] = x(kPositionOf<1>)[0];
+    return true;
+  }
+};
+
+TEST(ParticleFilter, AnExceptionOfAMotionPassesOn) {
+  std::vector<Line> given(2000);
+  for (std::size_t i = 0; i < given.size(); ++i) given[i].x[0] = static_cast<double>(i) / 1000.0 - 1.0;
+  for (const double threshold : {0.0, 1.0}) {
+    for (const int threads : {1, 2}) {
+      LineFilter f(given, {.threads = threads, .ess_threshold = threshold});
+      ASSERT_TRUE(f.update(LinePosition{}, 0.5, 0.01).accepted());
+      const double mean = f.mean().x[0];
+      const double ess = f.ess();
+      std::atomic<int> calls{0};
+      EXPECT_THROW(static_cast<void>(f.step(Fails{&calls}, 1.0, Observed<LinePosition>(LinePosition{}, 0.5, 0.01))),
+                   std::runtime_error);
+      EXPECT_NEAR(f.mean().x[0], mean, threshold == 0.0 ? 0.0 : 0.01);
+      EXPECT_EQ(f.ess(), threshold == 0.0 ? ess : 2000.0);
+      f.resample();
+      EXPECT_NEAR(f.mean().x[0], mean, 0.01);
+      EXPECT_TRUE(f.update(LinePosition{}, 0.5, 0.01).accepted());
+    }
   }
 }
 
@@ -397,6 +434,19 @@ TEST(Walls, CrossingTouchingAndPassing) {
   EXPECT_TRUE(allowed(1, 1, 1, 1));    // at rest beside it
   EXPECT_TRUE(allowed(-1, 0, -3, 0));  // away along its line... touches nothing
   EXPECT_TRUE(Walls<2>{}.allows(Walker{}, Walker{}));
+  // A wall that is a point stops who walks over it, and nobody else.
+  const Walls<2> post{{{{1.0, 1.0}, {1.0, 1.0}}}};
+  const auto passes = [&post](double x0, double y0, double x1, double y1) {
+    Walker a;
+    Walker b;
+    a.x << x0, y0;
+    b.x << x1, y1;
+    return static_cast<bool>(post.allows(a, b));
+  };
+  EXPECT_FALSE(passes(0, 0, 2, 2));
+  EXPECT_TRUE(passes(0, 0, 2, 1.9));
+  EXPECT_TRUE(passes(3, 3, 3, 3));
+  EXPECT_TRUE(passes(2, 2, 3, 3));
 }
 
 TEST(ParticleFilter, LostParticlesStayAndLoseTheirWeight) {

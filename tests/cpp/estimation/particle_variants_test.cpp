@@ -199,6 +199,37 @@ TEST(RegularisedParticleFilter, SpreadingKeepsMeanAndCovariance) {
   EXPECT_EQ(distinct(f), kCount);
 }
 
+TEST(RegularisedParticleFilter, EachSpreadDrawsAnew) {
+  PairCloud f(at(0, 0), Eigen::Matrix2d::Identity(), {.count = 5000, .seed = 16, .regularisation = 1.0});
+  for (int k = 0; k < 15; ++k) f.resample();
+  // A covariance walks by sqrt(2 / N) each time.
+  EXPECT_NEAR(f.covariance().trace(), 2.0, 2.0 * 4.5 * std::sqrt(2.0 / 5000.0 * 15.0));
+}
+
+TEST(ParticleVariants, ResamplingWithoutMotionKeepsTheLikelihoodUnbiased) {
+  // A constant seen four times with ten particles; each resampling must draw anew.
+  const std::vector<double> z{0.4, -0.3, 0.9, 0.1};
+  PairExact exact{Eigen::Vector2d::Zero(), Eigen::Vector2d(1.0, 0.0).asDiagonal(), 0.0};
+  for (const double one : z) exact.update(Eigen::RowVector2d(1.0, 0.0), one, 0.25);
+  constexpr int kRuns = 8000;
+  for (const Resampling scheme : {Resampling::kSystematic, Resampling::kStratified, Resampling::kMultinomial}) {
+    double sum = 0.0;
+    double squares = 0.0;
+    for (int run = 0; run < kRuns; ++run) {
+      PairCloud f(at(0, 0), Eigen::Vector2d(1.0, 0.0).asDiagonal(),
+                  {.count = 10, .seed = static_cast<std::uint64_t>(run), .resampling = scheme, .ess_threshold = 1.0});
+      for (const double one : z) {
+        if (f.resampling_due()) f.resample();
+        ASSERT_TRUE(f.update(Place{}, one, 0.25).accepted());
+      }
+      const double ratio = std::exp(f.log_likelihood() - exact.log_likelihood);
+      sum += ratio;
+      squares += (ratio - 1.0) * (ratio - 1.0);
+    }
+    EXPECT_NEAR(sum / kRuns, 1.0, 4.5 * std::sqrt(squares / kRuns / kRuns)) << to_string(scheme);
+  }
+}
+
 TEST(RegularisedParticleFilter, HeadingsAndAttitudesStayRotations) {
   using Turning = ComposedState<EnuFrame, Role<3, AttitudeTag>, Role<1, HeadingTag>>;
   Turning x{};
@@ -416,6 +447,7 @@ TEST(MarginalizedParticleFilter, StatusesAndWhatTheyLeave) {
   EXPECT_EQ(f.step(drift, kNan, test::group(Observed<Sum>(Sum{1.0}, 0.0, 1.0))).status,
             ParticleStatus::kTimeNotAdvancing);
   EXPECT_EQ(f.step(drift, 1.0, test::group(Observed<Sum>(Sum{1.0}, kNan, 1.0))).status, ParticleStatus::kNonFinite);
+  EXPECT_EQ(f.predict(Drift{1.0, 1e200}, 1.0).status, ParticleStatus::kNonFinite);
   const std::vector<Sum> many(17, Sum{1.0});
   EXPECT_EQ(f.update(Correlated<Sum>{many, Eigen::VectorXd::Zero(17), Eigen::MatrixXd::Identity(17, 17)}).status,
             ParticleStatus::kTooManyRows);

@@ -315,6 +315,7 @@ requires(sizeof...(LinearRoles) >= 1 && (HoldsRole<StateType, LinearRoles> && ..
     }
     P.noalias() = F * P_ * F.transpose();
     P.noalias() += G * G.transpose();
+    if (!P.allFinite()) return refused(ParticleStatus::kNonFinite);
     const detail::SampledProcess<Process> moved{process, sampled};
     if constexpr (std::same_as<Model, detail::NoInput>) {
       static_cast<void>(group);

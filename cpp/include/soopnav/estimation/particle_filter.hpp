@@ -57,7 +57,8 @@ concept ParticleProcessFor = ProcessModelFor<Process, State> || detail::ChunkPro
 ///
 /// The result is a function of the seed and the calls: the same bits for any number of threads and on any processor
 /// that keeps IEEE 754 (as far as the models' own arithmetic goes: build without contraction, see
-/// core/packet_math.hpp). `predict`, `update` and `step` do not allocate, and throw only what a model throws. Particles
+/// core/packet_math.hpp). `predict`, `update` and `step` do not allocate, and throw only what a model throws: the cloud
+/// is then as it was, or as it was and resampled when the call began with that. Particles
 /// that a process model takes to NaN or infinity stay where they were and lose their weight. Copies are independent and
 /// go on alike.
 template <FixedStateType StateType, std::floating_point ScalarType = double>
@@ -159,7 +160,7 @@ class ParticleFilter {
       std::apply([&view](const auto&... term) { (term.add(view), ...); }, ready);
       take_likelihood(store, chunk, reference, log_likelihood.data());
     };
-    run(store.chunks(), body);
+    guarded([&] { run(store.chunks(), body); });
     return finish_update(constant, false, false);
   }
   /// Weights by z = h(x) + noise of covariance `R`.
@@ -191,7 +192,7 @@ class ParticleFilter {
   requires std::invocable<const F&, const Chunk&, std::span<Scalar>> ParticleReport reweight(const F& f) {
     const auto store = this->store();
     const auto reference = static_cast<Scalar>(total_.largest);
-    threads_.run(store.chunks(), [&](std::size_t chunk) {
+    const auto body = [&](std::size_t chunk) {
       std::array<Scalar, detail::kParticleChunk> log_likelihood;
       std::fill_n(log_likelihood.begin(), store.size(chunk), Scalar{0});
       const std::size_t first = store.first(chunk);
@@ -202,7 +203,8 @@ class ParticleFilter {
       }
       f(view, std::span<Scalar>(log_likelihood.data(), n));
       take_likelihood(store, chunk, reference, log_likelihood.data());
-    });
+    };
+    guarded([&] { threads_.run(store.chunks(), body); });
     return finish_update(0.0, false, false);
   }
 
@@ -240,6 +242,7 @@ class ParticleFilter {
         spread.apply(from, first, n, columns);
       });
     }
+    ++step_number_;
   }
 
   /// The ancestors that the next prediction will begin by drawing, into `out` (count() numbers), one for each particle;
@@ -257,8 +260,8 @@ class ParticleFilter {
   }
   [[nodiscard]] std::uint64_t next_noise_stride() const noexcept { return store().noise_stride(); }
 
-  /// Predictions and steps so far: with the options, the particles, their log-weights and the log-likelihood all that a
-  /// filter is, so what is to be kept of it.
+  /// Predictions, steps and calls of `resample` so far: with the options, the particles, their log-weights and the
+  /// log-likelihood all that a filter is, so what is to be kept of it.
   [[nodiscard]] std::uint64_t steps() const noexcept { return step_number_; }
   /// Log-weights, up to a constant: -infinity for none.
   [[nodiscard]] std::span<const Scalar> log_weights() const noexcept { return {log_weights_.data(), count_}; }
@@ -531,7 +534,16 @@ class ParticleFilter {
               lost};
         },
         ready);
-    run(store.chunks(), body);
+    try {
+      run(store.chunks(), body);
+    } catch (...) {
+      if (gathers) {
+        keep_resampled(looked_ahead);
+      } else {
+        restore_sums();
+      }
+      throw;
+    }
     ++step_number_;
     present_.swap(other_);
     if constexpr (sizeof...(Terms) > 0) {
@@ -565,8 +577,8 @@ class ParticleFilter {
               process, input, dt_s, noise, store, reference, ready};
         },
         ready);
-    run(store.chunks(), first);
-    detail::WeightSums sums = joined();
+    guarded([&] { run(store.chunks(), first); });
+    const detail::WeightSums sums = joined();
     // So little that it is the sum of impossible ones.
     constexpr double kLeast = sizeof(Scalar) == 8 ? -1e299 : -1e29;
     if (!(sums.sum > 0.0) || !(sums.largest > kLeast)) {
@@ -600,8 +612,13 @@ class ParticleFilter {
       restore_sums();
     }
     draw_ancestors(wanted);
+    take_ancestors(wanted);
+    set_equal_weights();
+  }
+  // Copies the particles that the ancestors drawn name; their weights are those from before.
+  void take_ancestors(std::size_t count) {
     const auto from = this->store();
-    set_count(wanted);
+    set_count(count);
     const auto to = this->store();
     threads_.run(to.chunks(), [&from, &to](std::size_t chunk) {
       const std::size_t first = to.first(chunk);
@@ -612,7 +629,25 @@ class ParticleFilter {
       }
     });
     present_.swap(other_);
-    set_equal_weights();
+  }
+  // After a step that gathered and then failed: the weights are partly overwritten, the ancestors are still there.
+  void keep_resampled(bool looked_ahead) {
+    take_ancestors(count_);
+    if (looked_ahead) {
+      undo_first_stage();
+    } else {
+      set_equal_weights();
+    }
+  }
+  // Does what a model may throw in; an exception passes on when the weights are as they were.
+  template <class Work>
+  void guarded(const Work& work) {
+    try {
+      work();
+    } catch (...) {
+      restore_sums();
+      throw;
+    }
   }
   // Particles that the bins of those drawn call for.
   [[nodiscard]] std::size_t count_by_bins() {

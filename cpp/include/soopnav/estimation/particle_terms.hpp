@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <concepts>
@@ -84,7 +85,14 @@ struct Walls {
       const auto along_q = (q[0] - ax) * wx + (q[1] - ay) * wy;
       const double length2 = wx * wx + wy * wy;
       const auto past = ((along_p < 0.0) & (along_q < 0.0)) | ((along_p > length2) & (along_q > length2));
-      free = free & (past | (from * to > 0.0) | (end_a * end_b > 0.0));
+      // Or both beside the wall's box, which also settles a particle at rest and a wall that is a point.
+      const double left = std::min(ax, wall.b[0]);
+      const double right = std::max(ax, wall.b[0]);
+      const double low = std::min(ay, wall.b[1]);
+      const double high = std::max(ay, wall.b[1]);
+      const auto beside = ((p[0] < left) & (q[0] < left)) | ((p[0] > right) & (q[0] > right)) |
+                          ((p[1] < low) & (q[1] < low)) | ((p[1] > high) & (q[1] > high));
+      free = free & (past | beside | (from * to > 0.0) | (end_a * end_b > 0.0));
     }
     return free;
   }
