@@ -185,7 +185,10 @@ void check_times(std::span<const double> time, const std::optional<double>& star
       throw py::value_error("time_s[" + std::to_string(k) + "]: time must rise, but it is not after the one before it");
     }
   }
-  if (start && !(*start < time[0])) throw py::value_error("start_s: not before time_s[0]");
+  if (start && !(*start < time[0])) {
+    throw py::value_error("start_s: " + std::to_string(*start) +
+                          " is not before time_s[0] = " + std::to_string(time[0]));
+  }
 }
 
 void put_noise(RunGroup& group, const NumbersBase& R, std::size_t T, const std::string& name,
@@ -216,13 +219,17 @@ std::vector<RunGroup> to_groups(const GroupArguments& measurements, std::size_t 
     const std::size_t m = rows_of(group.models);
     group.rows = static_cast<int>(m);
     if (z.span().size() != T * m || z.shape().empty() || z.shape()[0] != size_of(T)) {
-      throw py::value_error(name + ": z: expected shape (" + steps + ", " + std::to_string(m) + ")");
+      std::string shape;
+      for (const py::ssize_t n : z.shape()) shape += (shape.empty() ? "" : ", ") + std::to_string(n);
+      throw py::value_error(name + ": z: expected shape (" + steps + ", " + std::to_string(m) + "), got (" + shape +
+                            ")");
     }
     group.z = z.span().data();
     put_noise(group, R, T, name, matrices[g]);
     if (mask) {
       if (mask->ndim() != 1 || mask->shape(0) != size_of(T)) {
-        throw py::value_error(name + ": mask: expected shape (" + steps + ",)");
+        throw py::value_error(name + ": mask: expected shape (" + steps + ",), got " + std::to_string(mask->size()) +
+                              " numbers along " + std::to_string(mask->ndim()) + " axes");
       }
       group.mask = mask->data();
     }

@@ -52,6 +52,11 @@ void register_estimation(py::module_& m) {
       .def_readonly("semi_major_m", &ErrorEllipse::semi_major_m, "Half the long axis.")
       .def_readonly("semi_minor_m", &ErrorEllipse::semi_minor_m, "Half the short axis.")
       .def_readonly("angle_rad", &ErrorEllipse::angle_rad, "Of the long axis, from the first axis towards the second.")
+      .def(py::pickle([](const ErrorEllipse& e) { return py::make_tuple(e.semi_major_m, e.semi_minor_m, e.angle_rad); },
+                      [](const py::tuple& t) {
+                        if (t.size() != 3) throw py::value_error("ErrorEllipse: three items expected");
+                        return ErrorEllipse{t[0].cast<double>(), t[1].cast<double>(), t[2].cast<double>()};
+                      }))
       .def("__repr__", [](const ErrorEllipse& e) {
         char text[128];
         std::snprintf(text, sizeof text, "ErrorEllipse(semi_major_m=%.3f, semi_minor_m=%.3f, angle_rad=%+.3f)",

@@ -1,6 +1,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <limits>
@@ -229,6 +230,14 @@ Array position_jacobian(const std::string& kind, const Table<"nodes_m">& nodes, 
   return to_array(std::move(values), {p.rows(), q.rows(), 3});
 }
 
+void check_runs(int runs, double failure_probability) {
+  if (runs < 1) throw std::invalid_argument("runs: " + std::to_string(runs) + "; at least 1 expected");
+  if (!(failure_probability > 0.0 && failure_probability < 1.0)) {
+    throw std::invalid_argument("failure_probability: " + std::to_string(failure_probability) +
+                                " is not between 0 and 1");
+  }
+}
+
 }  // namespace
 
 void register_estimation_bounds(py::module_& m) {
@@ -281,21 +290,20 @@ void register_estimation_bounds(py::module_& m) {
   m.def(
       "mean_nees_bounds",
       [](double dof, int runs, double failure_probability) {
+        if (!(dof > 0.0)) throw std::invalid_argument("dof: " + std::to_string(dof) + " is not positive");
+        check_runs(runs, failure_probability);
         const MeanBounds bounds = mean_nees_bounds(dof, runs, failure_probability);
-        if (!(bounds.lower >= 0.0)) {
-          throw std::invalid_argument("dof, runs, failure_probability: positive, at least 1, and between 0 and 1");
-        }
         return std::pair(bounds.lower, bounds.upper);
       },
       py::arg("dof"), py::arg("runs"), py::arg("failure_probability"), "Lower and upper bound of a mean of NEES.");
   m.def(
       "coverage_bounds",
       [](double probability, int runs, double failure_probability) {
-        const MeanBounds bounds = coverage_bounds(probability, runs, failure_probability);
-        if (!(bounds.lower >= 0.0)) {
-          throw std::invalid_argument(
-              "probability, runs, failure_probability: between 0 and 1, at least 1, and between 0 and 1");
+        if (!(probability > 0.0 && probability < 1.0)) {
+          throw std::invalid_argument("probability: " + std::to_string(probability) + " is not between 0 and 1");
         }
+        check_runs(runs, failure_probability);
+        const MeanBounds bounds = coverage_bounds(probability, runs, failure_probability);
         return std::pair(bounds.lower, bounds.upper);
       },
       py::arg("probability"), py::arg("runs"), py::arg("failure_probability"), "Lower and upper bound of a share.");

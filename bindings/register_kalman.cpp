@@ -172,7 +172,24 @@ void register_kalman_report(py::module_& m) {
           "Of the innovation, H P Hᵀ + R; shape (m, m).")
       .def_readonly("nis", &KalmanReport::nis, "Normalised innovation squared.")
       .def_readonly("log_likelihood", &KalmanReport::log_likelihood, "Logarithm of the innovation's density.")
-      .def("__repr__", &repr);
+      .def("__repr__", &repr)
+      .def(py::pickle(
+          [](const KalmanReport& r) {
+            return py::make_tuple(static_cast<int>(r.status), r.rows, r.innovation, r.covariance, r.nis,
+                                  r.log_likelihood);
+          },
+          [](const py::tuple& t) {
+            if (t.size() != 6) throw py::value_error("KalmanReport: six items expected");
+            KalmanReport r;
+            r.status = static_cast<UpdateStatus>(t[0].cast<int>());
+            r.rows = t[1].cast<int>();
+            if (r.rows < 0 || r.rows > kMostRows) throw py::value_error("KalmanReport: too many rows");
+            r.innovation = t[2].cast<decltype(r.innovation)>();
+            r.covariance = t[3].cast<decltype(r.covariance)>();
+            r.nis = t[4].cast<double>();
+            r.log_likelihood = t[5].cast<double>();
+            return r;
+          }));
 }
 
 void register_kalman(py::module_& m) {

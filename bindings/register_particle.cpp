@@ -180,6 +180,15 @@ void register_particle(py::module_& m) {
       .def_readonly("ess", &ParticleReport::ess, "Effective sample size after the call, 1 ... count.")
       .def_readonly("resampled", &ParticleReport::resampled, "Whether the call began by resampling.")
       .def_property_readonly("accepted", &ParticleReport::accepted)
+      .def(py::pickle(
+          [](const ParticleReport& r) {
+            return py::make_tuple(static_cast<int>(r.status), r.log_likelihood, r.ess, r.resampled);
+          },
+          [](const py::tuple& t) {
+            if (t.size() != 4) throw py::value_error("ParticleReport: four items expected");
+            return ParticleReport{static_cast<ParticleStatus>(t[0].cast<int>()), t[1].cast<double>(),
+                                  t[2].cast<double>(), t[3].cast<bool>()};
+          }))
       .def("__repr__", [](const ParticleReport& r) {
         return py::str("ParticleReport({}, log-likelihood {:.6g}, ess {:.6g}{})")
             .format(std::string(to_string(r.status)), r.log_likelihood, r.ess, r.resampled ? ", resampled" : "");

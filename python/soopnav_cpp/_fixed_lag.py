@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -100,7 +101,11 @@ class FixedLagFilter:
             raise TypeError(f"filter: expected a Kalman filter, got {type(filter).__name__}")
         if not isinstance(process, Process):
             raise TypeError(f"process: expected a process model, got {type(process).__name__}")
-        self._core = _estimation.FixedLagFilter(filter._core, process, start_s, capacity, input)
+        try:
+            events = operator.index(capacity)
+        except TypeError:
+            raise ValueError(f"capacity: {capacity!r}; a whole number expected") from None
+        self._core = _estimation.FixedLagFilter(filter._core, process, start_s, events, input)
 
     @property
     def filter(self) -> _KalmanFilter:

@@ -305,8 +305,8 @@ def test_statistics_refuse():
         (lambda: estimation.nees([[1.0, 2.0]], np.eye(3)), "P: expected shape"),
         (lambda: estimation.rmse(np.empty((0, 2))), "errors: shape"),
         (lambda: estimation.coverage([[1.0]], [[1.0]], probability=1.0), "probability: 1"),
-        (lambda: estimation.mean_nees_bounds(0, 10), "dof, runs, failure_probability"),
-        (lambda: estimation.coverage_bounds(1.5, 10), "probability, runs, failure_probability"),
+        (lambda: estimation.mean_nees_bounds(0, 10), "dof: 0.000000 is not positive"),
+        (lambda: estimation.coverage_bounds(1.5, 10), "probability: 1.500000 is not between 0 and 1"),
         (lambda: estimation.sample_circular_error_m([[1.0, 2.0, 3.0]]), "errors_m: expected"),
         (lambda: estimation.sample_circular_error_m([[1.0, 2.0]], probability=0.0), "probability: 0"),
     ):

@@ -1,6 +1,9 @@
 #include "soopnav/estimation/fisher_information.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <string>
 
@@ -17,7 +20,162 @@ std::string shortest(double value) {
   return text;
 }
 
+// Room for sizes that need no heap, and for those that do.
+template <int Max>
+using BoundedSquare = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, Max, Max>;
+template <int Max>
+using BoundedVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, Max, 1>;
+constexpr int kBounded = 32;
+
+template <int Max>
+int bound(const double* root_data, int n, double tolerance, double* information_data, double* covariance_data,
+          double* sigma, double* s, double* unobservable_data) noexcept {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  using Square = BoundedSquare<Max>;
+  const Eigen::Map<const Square> root(root_data, n, n);
+  Eigen::Map<Square> information(information_data, n, n);
+  Eigen::Map<Square> covariance(covariance_data, n, n);
+  Eigen::Map<Square> unobservable(unobservable_data, n, n);
+  information.setZero();
+  detail::accumulate_transposed_product<1>(root, root, information);
+  if (!detail::all_finite(root)) return -1;
+
+  BoundedVector<Max> scale(n);
+  detail::column_scale(root_data, n, n, scale.data());
+  Square scaled = root;
+  for (int j = 0; j < n; ++j) scaled.col(j) /= scale[j];
+  Square V(n, n);
+  BoundedVector<Max> values(n);
+  if (!detail::square_svd(scaled.data(), n, values.data(), nullptr, V.data())) return -1;
+  std::copy_n(values.data(), n, s);
+  int rank = 0;
+  while (rank < n && s[rank] > tolerance * s[0]) ++rank;
+
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j <= i; ++j) {
+      double sum = 0.0;
+      for (int k = 0; k < rank; ++k) sum += V(i, k) / s[k] * (V(j, k) / s[k]);
+      covariance(i, j) = covariance(j, i) = sum / scale[i] / scale[j];
+    }
+  }
+  for (int i = 0; i < n; ++i) {
+    double squares = 0.0;
+    for (int k = rank; k < n; ++k) squares += V(i, k) * V(i, k);
+    if (squares <= detail::kOutsideNull * detail::kOutsideNull) continue;
+    covariance.row(i).setConstant(kNan);
+    covariance.col(i).setConstant(kNan);
+    covariance(i, i) = kInf;
+  }
+  for (int i = 0; i < n; ++i) sigma[i] = std::sqrt(covariance(i, i));
+
+  for (int k = rank; k < n; ++k) {
+    // Back to unscaled components, then at right angles to those before: Gram-Schmidt, twice, which is enough.
+    BoundedVector<Max> v = V.col(k).cwiseQuotient(scale) * scale.minCoeff();
+    v.normalize();
+    for (int pass = 0; pass < 2; ++pass) {
+      for (int j = 0; j < k - rank; ++j) {
+        const double along = unobservable.col(j).dot(v);
+        v -= along * unobservable.col(j);
+      }
+      v.normalize();
+    }
+    unobservable.col(k - rank) = v;
+  }
+  return rank;
+}
+
+template <int Max>
+bool root_of_information(const double* information, int n, double* root) noexcept {
+  const Eigen::Map<const BoundedSquare<Max>> J(information, n, n);
+  BoundedVector<Max> scale = J.diagonal();
+  for (int i = 0; i < n; ++i) {
+    if (scale[i] < 0.0) return false;
+    scale[i] = scale[i] > 0.0 ? std::sqrt(scale[i]) : 1.0;
+  }
+  BoundedSquare<Max> scaled(n, n);
+  for (int j = 0; j < n; ++j) {
+    for (int i = 0; i < n; ++i) scaled(i, j) = J(i, j) / scale[i] / scale[j];
+  }
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < i; ++j) {
+      if (!(std::abs(scaled(i, j) - scaled(j, i)) <= 1e-9)) return false;
+      scaled(i, j) = scaled(j, i) = 0.5 * (scaled(i, j) + scaled(j, i));
+    }
+  }
+  BoundedVector<Max> values(n);
+  BoundedSquare<Max> vectors(n, n);
+  detail::symmetric_eigen(scaled.data(), n, values.data(), vectors.data());
+  if (!detail::all_finite(values)) return false;
+  const double largest = n > 0 ? values.maxCoeff() : 0.0;
+  for (int i = 0; i < n; ++i) {
+    if (values[i] < -1e-9 * largest) return false;
+    const double length = std::sqrt(std::max(values[i], 0.0));
+    for (int j = 0; j < n; ++j) root[i + n * j] = length * vectors(j, i) * scale[j];
+  }
+  return true;
+}
+
+template <int Max>
+void marginal(const double* nuisance, const double* wanted, int n, int count, double tolerance,
+              double* information) noexcept {
+  // What of the wanted columns lies at right angles to everything the nuisance parameters can explain.
+  BoundedVector<Max> scale(n);
+  detail::column_scale(nuisance, n, n, scale.data());
+  BoundedSquare<Max> scaled = Eigen::Map<const BoundedSquare<Max>>(nuisance, n, n);
+  for (int j = 0; j < n; ++j) scaled.col(j) /= scale[j];
+  BoundedVector<Max> s(n);
+  BoundedSquare<Max> U(n, n);
+  const bool known = detail::all_finite(scaled) && detail::square_svd(scaled.data(), n, s.data(), U.data(), nullptr);
+  std::fill_n(information, count * count, known ? 0.0 : std::numeric_limits<double>::quiet_NaN());
+  if (!known) return;
+  BoundedVector<Max> row(count);
+  for (int k = 0; k < n; ++k) {
+    if (s[k] > tolerance * s[0]) continue;
+    for (int c = 0; c < count; ++c) {
+      row[c] = 0.0;
+      for (int i = 0; i < n; ++i) row[c] += U(i, k) * wanted[i + n * c];
+    }
+    for (int c = 0; c < count; ++c) {
+      for (int r = 0; r < count; ++r) information[r + count * c] += row[r] * row[c];
+    }
+  }
+}
+
 }  // namespace
+
+namespace detail {
+
+void column_scale(const double* root, Eigen::Index rows, Eigen::Index n, double* scale) noexcept {
+  double largest = 0.0;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    scale[j] = Eigen::Map<const Eigen::VectorXd>(root + rows * j, rows).norm();
+    largest = std::max(largest, scale[j]);
+  }
+  for (Eigen::Index j = 0; j < n; ++j) {
+    if (!(scale[j] > kZeroColumn * largest)) scale[j] = largest > 0.0 ? largest : 1.0;
+  }
+}
+
+int bound_of_root(const double* root, int n, double tolerance, double* information, double* covariance, double* sigma,
+                  double* singular_values, double* unobservable) noexcept {
+  return n <= kBounded
+             ? bound<kBounded>(root, n, tolerance, information, covariance, sigma, singular_values, unobservable)
+             : bound<Eigen::Dynamic>(root, n, tolerance, information, covariance, sigma, singular_values, unobservable);
+}
+
+bool information_root(const double* information, int n, double* root) noexcept {
+  return n <= kBounded ? root_of_information<kBounded>(information, n, root)
+                       : root_of_information<Eigen::Dynamic>(information, n, root);
+}
+
+void marginal_information(const double* nuisance, const double* wanted, int n, int count, double tolerance,
+                          double* information) noexcept {
+  n <= kBounded ? marginal<kBounded>(nuisance, wanted, n, count, tolerance, information)
+                : marginal<Eigen::Dynamic>(nuisance, wanted, n, count, tolerance, information);
+}
+
+}  // namespace detail
 
 Eigen::MatrixXd root_of_rows(const Eigen::Ref<const Eigen::MatrixXd>& H, const Eigen::Ref<const Eigen::MatrixXd>& R) {
   const Eigen::Index m = H.rows();
@@ -57,7 +215,8 @@ Eigen::MatrixXd root_of_rows(const Eigen::Ref<const Eigen::MatrixXd>& H, const E
     }
   }
   // Columns of length one while the reflections run, so that small ones keep their digits beside large ones.
-  const Eigen::VectorXd scale = detail::column_scale(rows);
+  Eigen::VectorXd scale(n);
+  detail::column_scale(rows.data(), rows.rows(), n, scale.data());
   rows = (rows * scale.cwiseInverse().asDiagonal()).eval();
   const Eigen::HouseholderQR<Eigen::MatrixXd> qr(rows);
   Eigen::MatrixXd root = Eigen::MatrixXd::Zero(n, n);

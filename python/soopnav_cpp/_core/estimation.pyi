@@ -85,7 +85,9 @@ class ErrorEllipse:
     """
     Curve of constant density of a two-dimensional error. Read-only.
     """
+    def __getstate__(self) -> tuple[float, float, float]: ...
     def __repr__(self) -> str: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
     @property
     def angle_rad(self) -> float:
         """
@@ -135,7 +137,18 @@ class KalmanReport:
     """
     What became of an update. Read-only.
     """
+    def __getstate__(
+        self,
+    ) -> tuple[
+        int,
+        int,
+        typing.Annotated[list[float], "FixedSize(16)"],
+        typing.Annotated[list[float], "FixedSize(256)"],
+        float,
+        float,
+    ]: ...
     def __repr__(self) -> str: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
     @property
     def accepted(self) -> bool:
         """
@@ -427,7 +440,9 @@ class ParticleReport:
     """
     What a prediction, update or step of a particle filter reports.
     """
+    def __getstate__(self) -> tuple[int, float, float, bool]: ...
     def __repr__(self) -> str: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
     @property
     def accepted(self) -> bool: ...
     @property

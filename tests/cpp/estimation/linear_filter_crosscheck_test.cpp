@@ -25,14 +25,17 @@ double smallest_eigenvalue(const Eigen::MatrixXd& P) {
 // matter.
 TEST(FourteenStates, PlainSubtractionGoesIndefinite) {
   const auto s = test::fourteen_states();
-  Eigen::MatrixXd P = s.P0;
+  using Book = test::BookFilter<double>;
+  Book book(s);
+  Eigen::MatrixXd P = book.P;
   int failed = 0;
   for (int k = 1; k <= kSteps && failed == 0; ++k) {
-    P = s.F * P * s.F.transpose() + s.Q;
-    const Eigen::MatrixXd PHt = P * s.H.transpose();
-    const Eigen::MatrixXd S = s.H * PHt + s.R;
-    const Eigen::MatrixXd K = S.partialPivLu().solve(PHt.transpose()).transpose();
-    P = P - K * S * K.transpose();
+    P = Book::sum(book.Q, 1, Book::times(book.F, P), Book::transposed(book.F));
+    const Eigen::MatrixXd PHt = Book::times(P, Book::transposed(book.H));
+    const Eigen::MatrixXd S = Book::sum(book.R, 1, book.H, PHt);
+    double log_determinant = 0.0;
+    const Eigen::MatrixXd K = Book::times(PHt, Book::inverse(S, log_determinant));
+    P = Book::sum(P, -1, Book::times(K, S), Book::transposed(K));
     if (smallest_eigenvalue(P) <= 0.0) failed = k;
   }
   EXPECT_GT(failed, 450);

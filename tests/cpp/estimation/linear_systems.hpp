@@ -2,16 +2,17 @@
 
 // Linear systems and straightforward references for the tests of the linear filter and the smoothers.
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <stdexcept>
 #include <vector>
 
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/random.hpp"
+#include "soopnav/estimation/detail/gaussian_update.hpp"
 #include "soopnav/estimation/linear_filter.hpp"
 
 namespace soopnav::test {
@@ -103,12 +104,12 @@ struct Simulated {
 inline Simulated simulate(const DenseSystem& s, int steps, std::uint64_t seed) {
   RandomStream random(seed);
   const auto draw = [&random](const RowMajorMatrix& covariance) -> Eigen::VectorXd {
-    // LDLT also takes semi-definite covariances.
-    const Eigen::LDLT<Eigen::MatrixXd> ldlt(covariance);
+    Eigen::MatrixXd root(covariance.rows(), covariance.cols());
+    if (!detail::semidefinite_root(Eigen::MatrixXd(covariance), root))
+      throw std::invalid_argument("a covariance without a root");
     Eigen::VectorXd w(covariance.rows());
     for (double& value : w) value = random.normal();
-    w = ldlt.vectorD().cwiseMax(0.0).cwiseSqrt().cwiseProduct(w);
-    return ldlt.transpositionsP().transpose() * (ldlt.matrixL() * w);
+    return root * w;
   };
   Simulated out{RowMajorMatrix(steps, s.n()), RowMajorMatrix(steps, s.m())};
   Eigen::VectorXd x = s.x0 + draw(s.P0);
@@ -127,13 +128,13 @@ inline Eigen::Map<const RowMajorMatrix> matrix_at(std::span<const double> series
   return LinearRun::matrix(series, k, rows, columns);
 }
 
-/// The filter as the books write it, in any precision, with the full Joseph product.
+/// The filter as the books write it, in any precision, with the full Joseph product. Products and the inverse are
+/// loops: Eigen's for one more type of number cost more to compile than all these tests.
 template <class Real>
 struct BookFilter {
   using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
-  using Vector = Eigen::Matrix<Real, Eigen::Dynamic, 1>;
   Matrix F, Q, H, R, P, P_pred, S;
-  Vector x, x_pred, innovation;
+  Matrix x, x_pred, innovation;  // columns
   Real nis = 0;
   Real log_likelihood = 0;
 
@@ -145,19 +146,61 @@ struct BookFilter {
         P(s.P0.cast<Real>()),
         x(s.x0.cast<Real>()) {}
 
+  static Matrix transposed(const Matrix& A) {
+    Matrix T(A.cols(), A.rows());
+    for (Eigen::Index i = 0; i < A.rows(); ++i) {
+      for (Eigen::Index j = 0; j < A.cols(); ++j) T.coeffRef(j, i) = A.coeff(i, j);
+    }
+    return T;
+  }
+  // C + sign A B; without C, A B.
+  static Matrix sum(Matrix C, Real sign, const Matrix& A, const Matrix& B) {
+    for (Eigen::Index i = 0; i < A.rows(); ++i) {
+      for (Eigen::Index j = 0; j < B.cols(); ++j) {
+        Real dot = 0;
+        for (Eigen::Index k = 0; k < A.cols(); ++k) dot += A.coeff(i, k) * B.coeff(k, j);
+        C.coeffRef(i, j) += sign * dot;
+      }
+    }
+    return C;
+  }
+  static Matrix times(const Matrix& A, const Matrix& B) { return sum(Matrix::Zero(A.rows(), B.cols()), 1, A, B); }
+  // Inverse of a positive definite matrix by Gauss-Jordan elimination, and the logarithm of its determinant.
+  static Matrix inverse(Matrix A, Real& log_determinant) {
+    const Eigen::Index n = A.rows();
+    Matrix inverse = Matrix::Identity(n, n);
+    log_determinant = 0;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const Real pivot = A.coeff(k, k);
+      log_determinant += std::log(pivot);
+      for (Eigen::Index j = 0; j < n; ++j) {
+        A.coeffRef(k, j) /= pivot;
+        inverse.coeffRef(k, j) /= pivot;
+      }
+      for (Eigen::Index i = 0; i < n; ++i) {
+        const Real factor = A.coeff(i, k);
+        for (Eigen::Index j = 0; i != k && j < n; ++j) {
+          A.coeffRef(i, j) -= factor * A.coeff(k, j);
+          inverse.coeffRef(i, j) -= factor * inverse.coeff(k, j);
+        }
+      }
+    }
+    return inverse;
+  }
+
   void step(const Eigen::VectorXd& z) {
-    x_pred = F * x;
-    P_pred = F * P * F.transpose() + Q;
-    innovation = z.cast<Real>() - H * x_pred;
-    S = H * P_pred * H.transpose() + R;
-    const Eigen::LLT<Matrix> llt(S);
-    const Matrix K = llt.solve(H * P_pred.transpose()).transpose();
-    const Matrix A = Matrix::Identity(P.rows(), P.cols()) - K * H;
-    x = x_pred + K * innovation;
-    P = A * P_pred * A.transpose() + K * R * K.transpose();
-    nis = innovation.dot(llt.solve(innovation));
+    x_pred = times(F, x);
+    P_pred = sum(Q, 1, times(F, P), transposed(F));
+    innovation = sum(Matrix(z.cast<Real>()), -1, H, x_pred);
+    const Matrix PHt = times(P_pred, transposed(H));
+    S = sum(R, 1, H, PHt);
     Real log_determinant = 0;
-    for (Eigen::Index i = 0; i < S.rows(); ++i) log_determinant += 2 * std::log(llt.matrixLLT()(i, i));
+    const Matrix S_inverse = inverse(S, log_determinant);
+    const Matrix K = times(PHt, S_inverse);
+    const Matrix A = sum(Matrix::Identity(P.rows(), P.cols()), -1, K, H);
+    x = sum(x_pred, 1, K, innovation);
+    P = sum(times(times(A, P_pred), transposed(A)), 1, times(K, R), transposed(K));
+    nis = times(times(transposed(innovation), S_inverse), innovation)(0, 0);
     log_likelihood = -(nis + log_determinant + static_cast<Real>(S.rows()) * std::log(static_cast<Real>(kTwoPi))) / 2;
   }
 };

@@ -1,12 +1,12 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 
 #include "soopnav/core/arithmetic.hpp"
 #include "soopnav/core/joint_process.hpp"
 #include "soopnav/core/status.hpp"
+#include "soopnav/estimation/detail/gaussian_update.hpp"
 #include "soopnav/estimation/update_report.hpp"
 
 namespace soopnav {
@@ -97,21 +97,29 @@ class AdaptiveProcessNoise {
   }
 
   /// Learns from an innovation whose measurement noise had covariance `R`. Gated ones count too: a filter whose noise
-  /// is far too small gates everything. Others, and shapes that do not fit, change nothing; false then.
+  /// is far too small gates everything. Others, shapes that do not fit and an `R` that is no covariance of noise change
+  /// nothing; false then.
   template <class Report, class RMatrix>
   bool observe(const Report& report, const Eigen::MatrixBase<RMatrix>& R) noexcept {
     if (report.status != UpdateStatus::kAccepted && report.status != UpdateStatus::kGated) return false;
     if (R.rows() != report.covariance.rows() || R.cols() != report.covariance.cols()) return false;
-    const Eigen::LLT<typename Report::Square> llt(report.covariance);
-    if (llt.info() != Eigen::Success) return false;
+    const typename Report::Square noise = R;
+    if (detail::check_noise(noise) != UpdateStatus::kAccepted) return false;
+    const detail::CholeskyFactor<typename Report::Square> root(report.covariance);
+    if (!root.definite) return false;
     // U = L⁻¹ (S - R) L⁻ᵀ and the whitened innovation e: score (eᵀ U e - tr U) / 2, information |U|² / 2.
-    typename Report::Square U = report.covariance - R;
-    llt.matrixL().solveInPlace(U);
-    llt.matrixU().template solveInPlace<Eigen::OnTheRight>(U);
+    typename Report::Square U = report.covariance - noise;
+    detail::solve_lower(root.L.data(), U.rows(), U.data(), U.cols());
+    detail::solve_right_lower_transposed(root.L.data(), U.cols(), U.data(), U.rows());
     typename Report::Vector e = report.innovation;
-    llt.matrixL().solveInPlace(e);
-    const typename Report::Vector Ue = U.lazyProduct(e);
-    return learn(0.5 * (e.dot(Ue) - U.trace()), 0.5 * U.squaredNorm());
+    root.whiten(e);
+    double trace = 0.0;
+    double squares = 0.0;
+    for (Eigen::Index i = 0; i < U.cols(); ++i) {
+      trace += U.coeff(i, i);
+      for (Eigen::Index k = 0; k < U.rows(); ++k) squares += U.coeff(k, i) * U.coeff(k, i);
+    }
+    return learn(0.5 * (detail::quadratic_form(U, e) - trace), 0.5 * squares);
   }
   bool observe(const UpdateReport<1>& report, double variance) noexcept {
     return observe(report, Eigen::Matrix<double, 1, 1>(variance));

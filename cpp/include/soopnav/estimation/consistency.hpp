@@ -1,11 +1,11 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <optional>
 
 #include "soopnav/estimation/chi_square.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 
 namespace soopnav {
 
@@ -17,9 +17,11 @@ template <class Error, class Covariance>
                                          const Eigen::MatrixBase<Covariance>& covariance) {
   if (error.size() != covariance.rows() || covariance.rows() != covariance.cols()) return std::nullopt;
   if (!error.allFinite() || !covariance.allFinite()) return std::nullopt;
-  const Eigen::LLT<typename Covariance::PlainObject> llt(covariance);
-  if (llt.info() != Eigen::Success) return std::nullopt;
-  return error.dot(llt.solve(error));
+  const detail::CholeskyFactor<typename Covariance::PlainObject> root(covariance);
+  if (!root.definite) return std::nullopt;
+  typename Error::PlainObject whitened = error;
+  root.whiten(whitened);
+  return detail::squared_norm(whitened);
 }
 
 /// Between these the mean of `runs` independent NEES (or NIS) values lies with the probability asked for.

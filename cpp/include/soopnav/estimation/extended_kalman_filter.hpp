@@ -90,7 +90,7 @@ class ExtendedKalmanFilter {
                                                    const Eigen::Matrix<double, Model::kDim, Model::kDim>& R,
                                                    const Gate& gate = {}) {
     UpdateReport<Model::kDim> report;
-    if (!z.allFinite()) {
+    if (!detail::all_finite(z)) {
       report.status = UpdateStatus::kNonFinite;
       return report;
     }
@@ -162,16 +162,17 @@ class ExtendedKalmanFilter {
   void apply(const HMatrix& H, const RMatrix& R, const Gate& gate, Report& report) {
     using Gain =
         detail::BoundedMatrix<kDim, Report::Square::ColsAtCompileTime, kDim, Report::Square::MaxColsAtCompileTime>;
-    const Gain PH = P_ * H.transpose();
-    report.covariance.noalias() = H * PH;
-    report.covariance += R;
+    Gain PH(kDim, report.innovation.size());
+    detail::project(H, P_, R, PH, report.covariance);
     Gain K(kDim, report.innovation.size());
     if (!detail::innovate(report, PH, gate, K)) return;
-    const Tangent step = K * report.innovation;
+    Tangent step;
+    detail::correct(K, report.innovation, step);
     Square P = P_;
     detail::joseph_update(P, H, R, PH, K);
-    if (!step.allFinite() || !detail::is_sound(P)) {
-      report.status = step.allFinite() ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
+    const bool finite = detail::all_finite(step);
+    if (!finite || !detail::is_sound(P)) {
+      report.status = finite ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
       return;
     }
     floor_.apply(P);

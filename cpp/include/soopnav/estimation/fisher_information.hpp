@@ -1,9 +1,6 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +11,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "soopnav/estimation/detail/small_matrix.hpp"
+#include "soopnav/estimation/detail/symmetric_eigen.hpp"
 #include "soopnav/estimation/least_squares.hpp"
 
 namespace soopnav {
@@ -49,16 +48,18 @@ inline constexpr double kZeroColumn = 1e-13;
 // Part of a unit vector that may lie in the null space of the scaled Jacobian by rounding.
 inline constexpr double kOutsideNull = 1e-6;
 
-template <class Derived>
-[[nodiscard]] Eigen::Matrix<double, Derived::ColsAtCompileTime, 1> column_scale(
-    const Eigen::MatrixBase<Derived>& root) {
-  Eigen::Matrix<double, Derived::ColsAtCompileTime, 1> scale = root.colwise().norm().transpose();
-  const double largest = scale.size() > 0 ? scale.maxCoeff() : 0.0;
-  for (Eigen::Index i = 0; i < scale.size(); ++i) {
-    if (!(scale[i] > kZeroColumn * largest)) scale[i] = largest > 0.0 ? largest : 1.0;
-  }
-  return scale;
-}
+// Lengths of the columns of a rows x n array; of those that are rounding, the largest length.
+void column_scale(const double* root, Eigen::Index rows, Eigen::Index n, double* scale) noexcept;
+
+// What `bound_of_root` finds, of n x n arrays: the rank, or -1 where the decomposition fails and only the information
+// is set. The columns of `unobservable` beyond n - rank are not set.
+int bound_of_root(const double* root, int n, double tolerance, double* information, double* covariance, double* sigma,
+                  double* singular_values, double* unobservable) noexcept;
+// `information_root` of a finite n x n array. False when it has no root.
+[[nodiscard]] bool information_root(const double* information, int n, double* root) noexcept;
+// `marginal_information` once `nuisance` is the root without the wanted columns, which are n x count; NaN on failure.
+void marginal_information(const double* nuisance, const double* wanted, int n, int count, double tolerance,
+                          double* information) noexcept;
 
 // Givens' rotations take the row `h` into the upper triangular `root`: rootᵀroot grows by hᵀh. `h` is used up.
 template <int N>
@@ -86,58 +87,22 @@ template <int N>
 [[nodiscard]] CramerRaoBound<N> bound_of_root(const Eigen::Matrix<double, N, N>& root,
                                               double tolerance = kRankTolerance) {
   using Bound = CramerRaoBound<N>;
-  constexpr double kInf = std::numeric_limits<double>::infinity();
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const Eigen::Index n = root.cols();
   Bound bound;
-  bound.information = root.transpose() * root;
-  bound.covariance = Bound::Square::Constant(n, n, kNan);
+  bound.information = Bound::Square::Constant(n, n, kNan);
+  bound.covariance = bound.information;
   bound.sigma = Bound::Vector::Constant(n, kNan);
-  bound.singular_values = Bound::Vector::Constant(n, kNan);
+  bound.singular_values = bound.sigma;
   bound.unobservable.resize(n, 0);
-  if (n == 0 || !root.allFinite()) return bound;
-
-  const typename Bound::Vector scale = detail::column_scale(root);
-  const typename Bound::Square scaled = root * scale.cwiseInverse().asDiagonal();
-  const Eigen::JacobiSVD<typename Bound::Square> svd(scaled, Eigen::ComputeFullV);
-  if (svd.info() != Eigen::Success) return bound;
-  bound.singular_values = svd.singularValues();
-  const auto& s = bound.singular_values;
-  while (bound.rank < n && s[bound.rank] > tolerance * s[0]) ++bound.rank;
-  const Eigen::Index rank = bound.rank;
-
-  const auto& V = svd.matrixV();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index j = 0; j <= i; ++j) {
-      double sum = 0.0;
-      for (Eigen::Index k = 0; k < rank; ++k) sum += V(i, k) / s[k] * (V(j, k) / s[k]);
-      bound.covariance(i, j) = bound.covariance(j, i) = sum / scale[i] / scale[j];
-    }
-  }
-  for (Eigen::Index i = 0; i < n; ++i) {
-    double squares = 0.0;
-    for (Eigen::Index k = rank; k < n; ++k) squares += V(i, k) * V(i, k);
-    if (squares <= detail::kOutsideNull * detail::kOutsideNull) continue;
-    bound.covariance.row(i).setConstant(kNan);
-    bound.covariance.col(i).setConstant(kNan);
-    bound.covariance(i, i) = kInf;
-  }
-  for (Eigen::Index i = 0; i < n; ++i) bound.sigma[i] = std::sqrt(bound.covariance(i, i));
-
-  bound.unobservable.resize(n, n - rank);
-  for (Eigen::Index k = rank; k < n; ++k) {
-    // Back to unscaled components, then at right angles to those before: Gram-Schmidt, twice, which is enough.
-    typename Bound::Vector v = V.col(k).cwiseQuotient(scale) * scale.minCoeff();
-    v.normalize();
-    for (int pass = 0; pass < 2; ++pass) {
-      for (Eigen::Index j = 0; j < k - rank; ++j) {
-        const double along = bound.unobservable.col(j).dot(v);
-        v -= along * bound.unobservable.col(j);
-      }
-      v.normalize();
-    }
-    bound.unobservable.col(k - rank) = v;
-  }
+  if (n == 0) return bound;
+  typename Bound::Square directions(n, n);
+  const int rank = detail::bound_of_root(root.data(), static_cast<int>(n), tolerance, bound.information.data(),
+                                         bound.covariance.data(), bound.sigma.data(), bound.singular_values.data(),
+                                         directions.data());
+  if (rank < 0) return bound;
+  bound.rank = rank;
+  bound.unobservable = directions.leftCols(n - rank);
   return bound;
 }
 
@@ -148,29 +113,11 @@ template <int N>
 [[nodiscard]] std::optional<Eigen::Matrix<double, N, N>> information_root(
     const Eigen::Matrix<double, N, N>& information) {
   using Square = Eigen::Matrix<double, N, N>;
-  if (information.rows() != information.cols() || !information.allFinite()) return std::nullopt;
-  const Eigen::Index n = information.rows();
-  Eigen::Matrix<double, N, 1> scale = information.diagonal();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    if (scale[i] < 0.0) return std::nullopt;
-    scale[i] = scale[i] > 0.0 ? std::sqrt(scale[i]) : 1.0;
-  }
-  Square scaled = scale.cwiseInverse().asDiagonal() * information * scale.cwiseInverse().asDiagonal();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index j = 0; j < i; ++j) {
-      if (!(std::abs(scaled(i, j) - scaled(j, i)) <= 1e-9)) return std::nullopt;
-      scaled(i, j) = scaled(j, i) = 0.5 * (scaled(i, j) + scaled(j, i));
-    }
-  }
-  const Eigen::SelfAdjointEigenSolver<Square> eigen(scaled);
-  if (eigen.info() != Eigen::Success) return std::nullopt;
-  Eigen::Matrix<double, N, 1> root = eigen.eigenvalues();
-  const double largest = n > 0 ? root.maxCoeff() : 0.0;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    if (root[i] < -1e-9 * largest) return std::nullopt;
-    root[i] = std::sqrt(std::max(root[i], 0.0));
-  }
-  return Square(root.asDiagonal() * eigen.eigenvectors().transpose() * scale.asDiagonal());
+  if (information.rows() != information.cols() || !detail::all_finite(information)) return std::nullopt;
+  Square root(information.rows(), information.cols());
+  const int n = static_cast<int>(information.rows());
+  if (!detail::information_root(information.data(), n, root.data())) return std::nullopt;
+  return root;
 }
 
 /// Information about the parameters `kept` when the others are unknown as well: the Schur complement
@@ -203,23 +150,14 @@ template <int K, int N>
         throw std::invalid_argument("kept: index " + std::to_string(column) + " is there twice");
       }
     }
-    wanted.col(i) = root.col(column);
-    nuisance.col(column).setZero();
+    for (Eigen::Index k = 0; k < n; ++k) {
+      wanted.coeffRef(k, i) = root.coeff(k, column);
+      nuisance.coeffRef(k, column) = 0.0;
+    }
   }
-  // What of the wanted columns lies at right angles to everything the nuisance parameters can explain.
-  const Square scaled = nuisance * detail::column_scale(nuisance).cwiseInverse().asDiagonal();
-  const Eigen::JacobiSVD<Square> svd(scaled, Eigen::ComputeFullU);
-  Eigen::Matrix<double, K, K> information = Eigen::Matrix<double, K, K>::Zero(count, count);
-  if (svd.info() != Eigen::Success) {
-    information.setConstant(std::numeric_limits<double>::quiet_NaN());
-    return information;
-  }
-  const auto& s = svd.singularValues();
-  for (Eigen::Index k = 0; k < n; ++k) {
-    if (s[k] > tolerance * s[0]) continue;
-    const Eigen::Matrix<double, 1, K> row = svd.matrixU().col(k).transpose() * wanted;
-    information.noalias() += row.transpose() * row;
-  }
+  Eigen::Matrix<double, K, K> information(count, count);
+  detail::marginal_information(nuisance.data(), wanted.data(), static_cast<int>(n), static_cast<int>(count), tolerance,
+                               information.data());
   return information;
 }
 
@@ -289,7 +227,11 @@ class InformationSum {
   /// U, upper triangular.
   [[nodiscard]] const Matrix& root() const noexcept { return root_; }
   /// J = UᵀU.
-  [[nodiscard]] Matrix information() const noexcept { return root_.transpose() * root_; }
+  [[nodiscard]] Matrix information() const noexcept {
+    Matrix J = Matrix::Zero();
+    detail::accumulate_transposed_product<1>(root_, root_, J);
+    return J;
+  }
   /// See `CramerRaoBound`. With R = 1 throughout, `dilution_of_precision<State>` of its covariance is the DOP.
   [[nodiscard]] CramerRaoBound<kDim> bound(double tolerance = kRankTolerance) const {
     return bound_of_root<kDim>(root_, tolerance);

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 
@@ -63,7 +61,7 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
 
   /// Puts back a state and covariance. False, nothing changed, when `P` is not positive definite to rounding.
   bool restore(const State& x, const Square& P) noexcept {
-    if (!P.allFinite()) return false;
+    if (!detail::all_finite(P)) return false;
     const Solver solver(P);
     if (!solver.definite()) return false;
     Square Y = solver.solve(Square(Square::Identity()));
@@ -83,22 +81,28 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
     Transition<State, Process::kNoise> y(state_);
     const UpdateStatus status = detail::linearise(process, state_, input, dt_s, y);
     if (status != UpdateStatus::kAccepted) return status;
-    const Square F = y.F.template topLeftCorner<kDim, kDim>();
-    const Eigen::Matrix<double, kDim, Process::kNoise> G = y.G.template topRows<kDim>();
-    if (!y.state.x.allFinite() || !F.allFinite() || !G.allFinite()) return UpdateStatus::kNonFinite;
-    const Eigen::PartialPivLU<Square> lu(F);
-    const auto pivots = lu.matrixLU().diagonal().cwiseAbs();
-    if (!(pivots.minCoeff() > 1e-14 * pivots.maxCoeff())) return UpdateStatus::kUndefined;
+    Square Ft;
+    for (int j = 0; j < kDim; ++j) {
+      for (int i = 0; i < kDim; ++i) Ft.coeffRef(i, j) = y.F.coeff(j, i);
+    }
+    Eigen::Matrix<double, kDim, Process::kNoise> G;
+    detail::copy_block(y.G, 0, 0, kDim, Process::kNoise, G, 0, 0);
+    if (!detail::all_finite(y.state.x) || !detail::all_finite(Ft) || !detail::all_finite(G)) {
+      return UpdateStatus::kNonFinite;
+    }
     // M = F⁻ᵀ Y F⁻¹, the information without the noise.
-    const Square half = lu.transpose().solve(Y_);
-    const Square half_transposed = half.transpose();
-    Square Y = lu.transpose().solve(half_transposed);
+    Square Y = Y_;
+    for (int side = 0; side < 2; ++side) {
+      Square spent = Ft;
+      if (!detail::solve_square(spent.data(), kDim, Y.data(), kDim)) return UpdateStatus::kUndefined;
+      Y.transposeInPlace();
+    }
     detail::mirror_lower(Y);
     if (!add_noise(G, Y)) return UpdateStatus::kNonFinite;
     if (cross != nullptr) {
       const Solver solver(Y_);
       if (solver.definite()) {
-        cross->noalias() = covariance(solver) * F.transpose();
+        detail::product(covariance(solver), Ft, *cross);
       } else {
         cross->setConstant(std::numeric_limits<double>::quiet_NaN());
       }
@@ -127,8 +131,7 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
     if (solver.definite()) return P;
     for (int i = 0; i < kDim; ++i) {
       if (solver.determines(Tangent::Unit(i))) continue;
-      P.row(i).setZero();
-      P.col(i).setZero();
+      for (int k = 0; k < kDim; ++k) P(i, k) = P(k, i) = 0.0;
       P(i, i) = std::numeric_limits<double>::infinity();
     }
     return P;
@@ -139,20 +142,21 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
   template <int Noise>
   [[nodiscard]] static bool add_noise(const Eigen::Matrix<double, kDim, Noise>& G, Square& Y) noexcept {
     using Inner = Eigen::Matrix<double, Noise, Noise>;
-    const Eigen::Matrix<double, kDim, Noise> B = Y * G;
+    Eigen::Matrix<double, kDim, Noise> J;
+    detail::product(Y, G, J);
     Inner inner = Inner::Identity();
-    inner.noalias() += G.transpose() * B;
-    detail::mirror_lower(inner);
-    const Eigen::LLT<Inner> llt(inner);
-    if (!inner.allFinite() || llt.info() != Eigen::Success) return false;
-    const Eigen::Matrix<double, Noise, kDim> Jt = llt.solve(B.transpose());
+    detail::accumulate_transposed_product<1>(G, J, inner);
+    if (!detail::all_finite(inner) || !detail::cholesky_in_place(inner.data(), Noise)) return false;
+    detail::solve_right_lower_transposed(inner.data(), Noise, J.data(), kDim);
+    detail::solve_right_lower(inner.data(), Noise, J.data(), kDim);
     Square A = Square::Identity();
-    A.noalias() -= Jt.transpose() * G.transpose();
-    const Square AY = A * Y;
-    Y.noalias() = AY * A.transpose();
-    Y.noalias() += Jt.transpose() * Jt;
+    detail::accumulate_product_transposed<-1>(J, G, A);
+    Square AY;
+    detail::product(A, Y, AY);
+    detail::product_transposed(AY, A, Y);
+    detail::accumulate_product_transposed<1>(J, J, Y);
     detail::mirror_lower(Y);
-    return Y.allFinite();
+    return detail::all_finite(Y);
   }
 
   template <class Rows, class RMatrix, class Report>
@@ -164,44 +168,49 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
       report.status = UpdateStatus::kUndefined;
       return;
     }
-    if (!report.innovation.allFinite() || !H.allFinite()) {
+    if (!detail::all_finite(report.innovation) || !detail::all_finite(H)) {
       report.status = UpdateStatus::kNonFinite;
       return;
     }
-    const Eigen::LLT<typename Report::Square> noise(R);
+    const detail::CholeskyFactor<typename Report::Square> noise(R);
     typename Report::Vector whitened = report.innovation;
-    noise.matrixL().solveInPlace(whitened);
-    Columns J = H.transpose();  // Hᵀ L⁻ᵀ
-    noise.matrixU().template solveInPlace<Eigen::OnTheRight>(J);
+    noise.whiten(whitened);
+    const Columns Ht = H.transpose();
+    Columns J = Ht;  // Hᵀ L⁻ᵀ
+    detail::solve_right_lower_transposed(noise.L.data(), J.cols(), J.data(), kDim);
     Square Y = Y_;
-    Y += J.lazyProduct(J.transpose());
+    detail::accumulate_product_transposed<1>(J, J, Y);
     detail::mirror_lower(Y);
-    const Tangent step = Solver(Y).solve(Tangent(J * whitened));
+    Tangent shift;
+    detail::product(J, whitened, shift);
+    const Tangent step = Solver(Y).solve(shift);
 
     const Solver prior(Y_);
-    const Columns Ht = H.transpose();
     const Columns PH = prior.solve(Ht);
-    report.covariance = H.lazyProduct(PH);
-    report.covariance += R;
+    report.covariance = R;
+    detail::accumulate_product<1>(H, PH, report.covariance);
     if (prior.definite()) {
       Columns K(kDim, report.innovation.size());
       if (!detail::innovate(report, PH, gate, K)) return;
     } else {
       // What the state does not determine is not tested: the least sum of squares that any state leaves.
       for (Eigen::Index i = 0; i < report.innovation.size(); ++i) {
-        if (prior.determines(H.row(i).transpose())) continue;
-        report.covariance.row(i).setZero();
-        report.covariance.col(i).setZero();
+        if (prior.determines(Tangent(Ht.col(i)))) continue;
+        for (Eigen::Index k = 0; k < report.innovation.size(); ++k) {
+          report.covariance(i, k) = report.covariance(k, i) = 0.0;
+        }
         report.covariance(i, i) = std::numeric_limits<double>::infinity();
       }
-      whitened -= J.transpose() * step;
-      report.nis = whitened.squaredNorm() + step.dot(Y_ * step);
+      detail::accumulate_transposed_product<-1>(J, step, whitened);
+      Tangent Ystep;
+      detail::product(Y_, step, Ystep);
+      report.nis = detail::squared_norm(whitened) + step.dot(Ystep);
       if (!detail::passes(gate, report)) {
         report.status = UpdateStatus::kGated;
         return;
       }
     }
-    if (!step.allFinite() || !Y.allFinite()) {
+    if (!detail::all_finite(step) || !detail::all_finite(Y)) {
       report.status = UpdateStatus::kNonFinite;
       return;
     }
@@ -215,9 +224,11 @@ class InformationFilter : public detail::LinearisedUpdates<InformationFilter<Sta
     if (!floor_.active) return;
     Tangent sigma;
     CovarianceFloor<kDim> floor = floor_;
-    if (!floor.missing(covariance(Solver(Y)).diagonal(), sigma)) return;
+    if (!floor.missing(Tangent(covariance(Solver(Y)).diagonal()), sigma)) return;
     Square raised = Y;
-    if (!add_noise<kDim>(sigma.asDiagonal().toDenseMatrix(), raised)) return;
+    Square noise = Square::Zero();
+    for (int i = 0; i < kDim; ++i) noise(i, i) = sigma[i];
+    if (!add_noise<kDim>(noise, raised)) return;
     Y = raised;
     floor_ = floor;
   }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 
@@ -92,12 +91,12 @@ class IteratedKalmanFilter : public detail::LinearisedUpdates<IteratedKalmanFilt
     }
     // `step` is taken in the tangent at `x`, where `P`, `H` and `K` belong.
     Square P = P_;
-    Gain PH = P * H.transpose();
-    report.covariance.noalias() = H * PH;
-    report.covariance += R;
+    Gain PH(kDim, report.innovation.size());
+    detail::project(H, P, R, PH, report.covariance);
     Gain K(kDim, report.innovation.size());
     if (!detail::innovate(report, PH, gate, K)) return;
-    Tangent step = K * report.innovation;
+    Tangent step;
+    detail::correct(K, report.innovation, step);
     State x = state_;
     int iterations = 1;
     bool converged = options_.max_iterations == 1;
@@ -107,13 +106,13 @@ class IteratedKalmanFilter : public detail::LinearisedUpdates<IteratedKalmanFilt
         report.status = UpdateStatus::kNotPositiveDefinite;
         return;
       }
-      const Eigen::LLT<typename Report::Square> noise(R);
+      const detail::CholeskyFactor<typename Report::Square> noise(R);
       Report at_x = report;
       double cost = this->cost(root, x, noise, at_x.innovation);
-      const Tangent limit = options_.tolerance * P_.diagonal().cwiseSqrt();
       for (;; ++iterations) {
-        if (!step.allFinite()) break;
-        converged = (step.array().abs() <= limit.array()).all();
+        if (!detail::all_finite(step)) break;
+        converged = true;
+        for (int i = 0; i < kDim; ++i) converged &= std::abs(step[i]) <= options_.tolerance * std::sqrt(P_.coeff(i, i));
         if (converged) break;
         if (!descend(rows, root, noise, x, step, cost, at_x.innovation, H)) {
           step.setZero();
@@ -121,11 +120,11 @@ class IteratedKalmanFilter : public detail::LinearisedUpdates<IteratedKalmanFilt
         }
         if constexpr (!detail::kFlatTangent<State>) {
           const Square J = detail::retract_jacobian(state_, state_.local(x));
-          P = J * P_ * J.transpose();
+          Square JP;
+          detail::product(J, P_, JP);
+          detail::product_transposed(JP, J, P);
         }
-        PH.noalias() = P * H.transpose();
-        at_x.covariance.noalias() = H * PH;
-        at_x.covariance += R;
+        detail::project(H, P, R, PH, at_x.covariance);
         if (!detail::innovate(at_x, PH, Gate{}, K)) {
           report.status = at_x.status;
           return;
@@ -135,13 +134,16 @@ class IteratedKalmanFilter : public detail::LinearisedUpdates<IteratedKalmanFilt
           break;
         }
         const Tangent prior = x.local(state_);
-        const typename Report::Vector shifted = at_x.innovation - H * prior;
-        step = prior + K * shifted;
+        typename Report::Vector shifted = at_x.innovation;
+        detail::accumulate_product<-1>(H, prior, shifted);
+        step = prior;
+        detail::accumulate_product<1>(K, shifted, step);
       }
     }
     detail::joseph_update(P, H, R, PH, K);
-    if (!step.allFinite() || !detail::is_sound(P)) {
-      report.status = step.allFinite() ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
+    const bool finite = detail::all_finite(step);
+    if (!finite || !detail::is_sound(P)) {
+      report.status = finite ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
       return;
     }
     floor_.apply(P);
@@ -180,11 +182,12 @@ class IteratedKalmanFilter : public detail::LinearisedUpdates<IteratedKalmanFilt
   [[nodiscard]] double cost(const Square& root, const State& x, const Noise& noise, const Vector& innovation) const {
     Tangent u = state_.local(x);
     for (int i = 0; i < kDim; ++i) {
-      const double rest = u[i] - root.row(i).head(i).dot(u.head(i));
+      double rest = u[i];
+      for (int k = 0; k < i; ++k) rest -= root.coeff(i, k) * u[k];
       u[i] = root(i, i) > 0.0 ? rest / root(i, i) : 0.0;
     }
     Vector whitened = innovation;
-    noise.matrixL().solveInPlace(whitened);
+    noise.whiten(whitened);
     return u.squaredNorm() + whitened.squaredNorm();
   }
 

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -16,6 +14,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/dop.hpp"
 #include "soopnav/estimation/observed.hpp"
 #include "soopnav/estimation/prediction.hpp"
@@ -129,7 +128,7 @@ bool write_rows(const Model& model, const Z& z, const State& x, int row, Stack<S
   const bool defined = model.predict(x, y);
   for (int i = 0; i < Model::kDim; ++i) {
     stack.r[row + i] = residual(model, i, static_cast<double>(z[i]), y.z[i]);
-    stack.H.row(row + i) = y.estimated().row(i);
+    for (int j = 0; j < State::kDim; ++j) stack.H.coeffRef(row + i, j) = y.H.coeff(i, j);
   }
   return defined;
 }
@@ -146,14 +145,13 @@ class ObservedReader {
   [[nodiscard]] SolveStatus prepare() {
     std::size_t i = 0;
     for (const Item& item : group_) {
-      if (!item.z.allFinite() || !item.R.allFinite()) return SolveStatus::kNonFinite;
+      if (!all_finite(item.z) || !all_finite(item.R)) return SolveStatus::kNonFinite;
       if constexpr (kM == 1) {
         if (!(item.R(0, 0) > 0.0)) return SolveStatus::kNotPositiveDefinite;
         factor_[i](0, 0) = std::sqrt(item.R(0, 0));
       } else {
-        const Eigen::LLT<Eigen::Matrix<double, kM, kM>> llt(item.R);
-        if (llt.info() != Eigen::Success) return SolveStatus::kNotPositiveDefinite;
-        factor_[i] = llt.matrixL();
+        factor_[i] = item.R;
+        if (!cholesky_in_place(factor_[i].data(), kM)) return SolveStatus::kNotPositiveDefinite;
       }
       ++i;
     }
@@ -174,13 +172,18 @@ class ObservedReader {
         stack.r[first] *= weight;
         stack.H.row(first) *= weight;
       } else {
-        const auto L = factor_[i].template triangularView<Eigen::Lower>();
-        Eigen::Matrix<double, kM, 1> r = stack.r.template segment<kM>(first);
-        Eigen::Matrix<double, kM, State::kDim> H = stack.H.template middleRows<kM>(first);
-        L.solveInPlace(r);
-        L.solveInPlace(H);
-        stack.r.template segment<kM>(first) = r;
-        stack.H.template middleRows<kM>(first) = H;
+        const auto& L = factor_[i];
+        for (int k = 0; k < kM; ++k) {
+          const double weight = 1.0 / L.coeff(k, k);
+          for (int m = 0; m < k; ++m) {
+            stack.r.coeffRef(first + k) -= L.coeff(k, m) * stack.r.coeff(first + m);
+            for (int j = 0; j < State::kDim; ++j) {
+              stack.H.coeffRef(first + k, j) -= L.coeff(k, m) * stack.H.coeff(first + m, j);
+            }
+          }
+          stack.r.coeffRef(first + k) *= weight;
+          for (int j = 0; j < State::kDim; ++j) stack.H.coeffRef(first + k, j) *= weight;
+        }
       }
       first += kM;
     }
@@ -191,7 +194,7 @@ class ObservedReader {
   void inverse_factor_column(int row, int first, Column& c) const {
     const int block = row / kM;
     Eigen::Matrix<double, kM, 1> e = Eigen::Matrix<double, kM, 1>::Unit(row % kM);
-    factor_[static_cast<std::size_t>(block)].template triangularView<Eigen::Lower>().solveInPlace(e);
+    solve_lower(factor_[static_cast<std::size_t>(block)].data(), kM, e.data());
     for (int i = 0; i < kM; ++i) c[static_cast<std::size_t>(first + block * kM + i)] = e[i];
   }
 
@@ -216,7 +219,8 @@ class CorrelatedReader {
     // Cholesky by rows; the sizes are small and the storage fixed.
     for (Eigen::Index i = 0; i < n; ++i) {
       for (Eigen::Index j = 0; j <= i; ++j) {
-        const double s = group_.R(i, j) - factor_.row(i).head(j).dot(factor_.row(j).head(j));
+        double s = group_.R(i, j);
+        for (Eigen::Index k = 0; k < j; ++k) s -= factor_.coeff(i, k) * factor_.coeff(j, k);
         if (i == j) {
           if (!(s > 0.0)) return SolveStatus::kNotPositiveDefinite;
           factor_(i, i) = std::sqrt(s);
@@ -242,10 +246,12 @@ class CorrelatedReader {
     for (int i = 0; i < n; ++i) {
       for (int j = 0; j < i; ++j) {
         stack.r[first + i] -= factor_(i, j) * stack.r[first + j];
-        stack.H.row(first + i) -= factor_(i, j) * stack.H.row(first + j);
+        for (int k = 0; k < State::kDim; ++k) {
+          stack.H.coeffRef(first + i, k) -= factor_.coeff(i, j) * stack.H.coeff(first + j, k);
+        }
       }
       stack.r[first + i] /= factor_(i, i);
-      stack.H.row(first + i) /= factor_(i, i);
+      for (int k = 0; k < State::kDim; ++k) stack.H.coeffRef(first + i, k) /= factor_.coeff(i, i);
     }
   }
 
@@ -325,9 +331,11 @@ class NormalEquations {
     g.setZero();
     cost = 0.0;
     for (int i = 0; i < rows_; ++i) {
-      const Vector h = stack.H.row(i).transpose();
-      A.noalias() += h * h.transpose();
-      g += h * stack.r[i];
+      for (int j = 0; j < kDim; ++j) {
+        const double h = stack.H.coeff(i, j);
+        for (int k = 0; k < kDim; ++k) A.coeffRef(k, j) += stack.H.coeff(i, k) * h;
+        g.coeffRef(j) += h * stack.r[i];
+      }
       cost += stack.r[i] * stack.r[i];
     }
   }
@@ -379,8 +387,20 @@ template <class State, int MaxRows>
       for (int i = k; i < count; ++i) J(i, j) -= projection * at(i);
     }
   }
-  return J.template topRows<kDim>().template triangularView<Eigen::Upper>();
+  Eigen::Matrix<double, kDim, kDim> root;
+  for (int j = 0; j < kDim; ++j) {
+    for (int i = 0; i < kDim; ++i) root(i, j) = i <= j ? J(i, j) : 0.0;
+  }
+  return root;
 }
+
+// The inverse of an n x n information matrix that is plainly well-conditioned: scaled to a unit diagonal it has no
+// small pivot. False, `covariance` spent, when it is not.
+[[nodiscard]] bool invert_well_conditioned(const double* information, int n, double* covariance) noexcept;
+// The rank, the covariance (NaN below full rank) and the null directions of the information rootᵀ root, n x n. The
+// columns of `unobservable` beyond n - rank are not set.
+[[nodiscard]] int condition_root(const double* root, int n, double tolerance, double* covariance,
+                                 double* unobservable) noexcept;
 
 // Singular values of a whitened, column-scaled Jacobian: rank, covariance, null directions. Eq. 7 and 8 of
 // doc/position_fix.md.
@@ -394,51 +414,20 @@ struct Conditioning {
   // Of the rows of `stack`, whose normal matrix is `information`.
   template <class State, int MaxRows>
   void compute(const Stack<State, MaxRows>& stack, int rows, const Square& information, double tolerance) {
-    // Well-conditioned, as nearly always: the normal matrix, scaled to a unit diagonal, has no small pivot.
-    constexpr double kSafePivot = 1e-5;
-    const Eigen::Matrix<double, N, 1> scale = information.diagonal().cwiseSqrt();
-    if (rows >= N && tolerance < 1e-5 && scale.minCoeff() > 1e-3 * scale.maxCoeff()) {
-      const auto down = scale.cwiseInverse().asDiagonal();
-      const Eigen::LLT<Square> llt(down * information * down);
-      if (llt.info() == Eigen::Success && llt.matrixLLT().diagonal().minCoeff() > std::sqrt(kSafePivot)) {
-        rank = N;
-        covariance = down * llt.solve(Square::Identity()) * down;
-        covariance = (0.5 * (covariance + covariance.transpose())).eval();
-        unobservable.resize(N, 0);
-        return;
-      }
+    // Well-conditioned, as nearly always.
+    if (rows >= N && tolerance < 1e-5 && invert_well_conditioned(information.data(), N, covariance.data())) {
+      rank = N;
+      unobservable.resize(N, 0);
+      return;
     }
     from_root(triangular_root(stack, rows), tolerance);
   }
 
   // `r`: any N x N square root of the information matrix, information = rᵀr.
   void from_root(const Square& r, double tolerance) {
-    Eigen::Matrix<double, N, 1> scale = r.colwise().norm().transpose();
-    const double largest = scale.maxCoeff();
-    for (int i = 0; i < N; ++i) {
-      // A column of rounding errors must stay small, not be blown up to length one.
-      if (!(scale[i] > tolerance * largest)) scale[i] = largest > 0.0 ? largest : 1.0;
-    }
-    const Square scaled = r * scale.cwiseInverse().asDiagonal();
-    const Eigen::JacobiSVD<Square> svd(scaled, Eigen::ComputeFullV);
-    const auto& s = svd.singularValues();
-    rank = 0;
-    while (rank < N && s[rank] > tolerance * s[0]) ++rank;
-    if (rank == N) {
-      const Square w = scale.cwiseInverse().asDiagonal() * svd.matrixV() * s.cwiseInverse().asDiagonal();
-      covariance.noalias() = w * w.transpose();
-      unobservable.resize(N, 0);
-      return;
-    }
-    covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
-    unobservable.resize(N, N - rank);
-    for (int k = rank; k < N; ++k) {
-      // Back to unscaled components, then at right angles to those before (modified Gram-Schmidt).
-      Eigen::Matrix<double, N, 1> v = svd.matrixV().col(k).cwiseQuotient(scale) * scale.minCoeff();
-      v.normalize();
-      for (int j = 0; j < k - rank; ++j) v -= unobservable.col(j).dot(v) * unobservable.col(j);
-      unobservable.col(k - rank) = v.normalized();
-    }
+    Square directions;
+    rank = condition_root(r.data(), N, tolerance, covariance.data(), directions.data());
+    unobservable = directions.leftCols(N - rank);
   }
 };
 
@@ -493,7 +482,7 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
     result.status = SolveStatus::kUndefined;
     return result;
   }
-  if (!here->A.allFinite()) {
+  if (!detail::all_finite(here->A)) {
     result.status = SolveStatus::kNonFinite;
     return result;
   }
@@ -504,23 +493,33 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
   bool converged = false;
   const double enough = options.step_tolerance * options.step_tolerance;
   while (!converged && result.iterations < options.max_iterations && damping <= kLargestDamping && rows >= kDim) {
-    Vector diagonal = here->A.diagonal();
-    const double floor = 1e-6 * diagonal.maxCoeff();
-    diagonal = diagonal.cwiseMax(floor > 0.0 ? floor : 1.0);
+    double floor = 0.0;
+    for (int i = 0; i < kDim; ++i) floor = std::max(floor, 1e-6 * here->A.coeff(i, i));
     Square damped = here->A;
-    damped.diagonal() += damping * diagonal;
-    const Eigen::LDLT<Square> ldlt(damped);
-    if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-13 * ldlt.vectorD().maxCoeff())) {
+    for (int i = 0; i < kDim; ++i) {
+      damped.coeffRef(i, i) += damping * std::max(here->A.coeff(i, i), floor > 0.0 ? floor : 1.0);
+    }
+    const detail::CholeskyFactor<Square> factor(damped);
+    double least = factor.definite ? factor.L.coeff(0, 0) : 0.0;
+    double largest = least;
+    for (int i = 1; i < kDim && factor.definite; ++i) {
+      least = std::min(least, factor.L.coeff(i, i));
+      largest = std::max(largest, factor.L.coeff(i, i));
+    }
+    // The pivots are the squares.
+    if (!(least * least > 1e-13 * (largest * largest))) {
       damping = std::max(10.0 * damping, 1e-8);
       continue;
     }
-    const Vector step = ldlt.solve(here->g);
+    Vector step = here->g;
+    detail::solve_lower(factor.L.data(), kDim, step.data());
+    detail::solve_lower_transposed(factor.L.data(), kDim, step.data());
     const double decrement = step.dot(here->g);  // squared length of the step in standard deviations
     const State trial = result.state.retract(step);
     linearize(trial, *next);
     const double rounding = 16.0 * std::numeric_limits<double>::epsilon() * result.state.x.cwiseAbs().maxCoeff();
     const bool last = (damping <= 1e-3 && decrement <= enough) || step.cwiseAbs().maxCoeff() <= rounding;
-    if (next->stack.defined && next->cost <= here->cost && next->A.allFinite()) {
+    if (next->stack.defined && next->cost <= here->cost && detail::all_finite(next->A)) {
       result.state = trial;
       std::swap(here, next);
       damping = damping > 1e-7 ? 0.1 * damping : 0.0;
@@ -567,13 +566,13 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
       for (int j = 0; j < rows; ++j) {
         const double weight = c[static_cast<std::size_t>(j)];
         if (weight == 0.0) continue;
-        projected += weight * stack.H.row(j).transpose();
+        for (int k = 0; k < kDim; ++k) projected.coeffRef(k) += weight * stack.H.coeff(j, k);
         whole += weight * weight;
         value += weight * stack.r[j];
       }
-      const double variance = whole - projected.dot(result.covariance * projected);
+      const double variance = whole - detail::quadratic_form(result.covariance, projected);
       const Vector h = stack.H.row(i).transpose();
-      result.redundancy[i] = std::clamp(1.0 - h.dot(result.covariance * h), 0.0, 1.0);
+      result.redundancy[i] = std::clamp(1.0 - detail::quadratic_form(result.covariance, h), 0.0, 1.0);
       if (variance > 1e-9 * whole) result.normalized_residuals[i] = value / std::sqrt(variance);
     }
     detail::Conditioning<kDim> geometry;
@@ -624,8 +623,11 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
   const auto same = [apart](const Result& a, const Result& b) {
     const typename State::Tangent d = a.state.local(b.state);
     if (d.norm() < 1e-3) return true;
-    const Eigen::LLT<typename Result::Covariance> llt(a.covariance);
-    return llt.info() == Eigen::Success && d.dot(llt.solve(d)) < apart;
+    const detail::CholeskyFactor<typename Result::Covariance> root(a.covariance);
+    if (!root.definite) return false;
+    typename State::Tangent whitened = d;
+    root.whiten(whitened);
+    return detail::squared_norm(whitened) < apart;
   };
   std::array<Result, MultiStartResult<State, MaxRows>::kMaxAlternatives> others;
   std::size_t other_count = 0;
@@ -687,7 +689,7 @@ template <int MaxRows = 32, FixedStateType State, MeasurementGroupFor<State>... 
   Eigen::Matrix<double, State::kDim, 1> g;
   double cost = 0.0;
   equations.accumulate(stack, out.information, g, cost);
-  if (!out.information.allFinite()) {
+  if (!detail::all_finite(out.information)) {
     out.status = SolveStatus::kNonFinite;
     return out;
   }

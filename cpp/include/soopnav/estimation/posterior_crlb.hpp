@@ -1,11 +1,10 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/LU>
 #include <stdexcept>
 
 #include "soopnav/estimation/covariance_check.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/fisher_information.hpp"
 #include "soopnav/estimation/transition.hpp"
 
@@ -49,18 +48,22 @@ class PosteriorCrlb {
   [[nodiscard]] bool predict(const Eigen::MatrixBase<FDerived>& F, const Eigen::MatrixBase<GDerived>& G) {
     const Eigen::Index n = root_.rows();
     if (F.rows() != n || F.cols() != n || G.rows() != n || !F.allFinite() || !G.allFinite()) return false;
-    const Square transposed = F.transpose();
-    const Eigen::FullPivLU<Square> lu(transposed);
-    if (!lu.isInvertible()) {
+    const Square transition = F;
+    const Eigen::Matrix<double, N, GDerived::ColsAtCompileTime> gain = G;
+    // U F⁻¹, from Fᵀ (U F⁻¹)ᵀ = Uᵀ.
+    Square spent = transition.transpose();
+    Square back = root_.transpose();
+    if (!detail::solve_square(spent.data(), static_cast<int>(n), back.data(), static_cast<int>(n))) {
       const CramerRaoBound<N> now = bound_of_root<N>(root_);
       if (now.rank < n) return false;
-      Square covariance = F * now.covariance * F.transpose();
-      covariance += G * G.transpose();
+      Square moved(n, n);
+      detail::product(transition, now.covariance, moved);
+      Square covariance(n, n);
+      detail::product_transposed(moved, transition, covariance);
+      detail::accumulate_product_transposed<1>(gain, gain, covariance);
       return set_covariance(covariance);
     }
-    const Square columns = root_.transpose();
-    const Square back = lu.solve(columns).transpose();  // U F⁻¹
-    const Eigen::Matrix<double, N, GDerived::ColsAtCompileTime> gain = G;
+    back.transposeInPlace();
     eliminate_noise<GDerived::ColsAtCompileTime>(back, gain);
     return true;
   }
@@ -84,10 +87,15 @@ class PosteriorCrlb {
       if (d->rows() != n || d->cols() != n) return false;
     }
     if (!d11.allFinite() || !d12.allFinite() || !d22.allFinite()) return false;
-    const Eigen::LLT<Square> llt(Square(information() + d11));
-    if (llt.info() != Eigen::Success) return false;
+    Square sum = information();
+    for (Eigen::Index i = 0; i < sum.size(); ++i) sum.data()[i] += d11.data()[i];
+    const detail::CholeskyFactor<Square> factor(sum);
+    if (!factor.definite) return false;
+    // D12ᵀ (J + D11)⁻¹ D12 = Wᵀ W with W = L⁻¹ D12.
+    Square W = d12;
+    detail::solve_lower(factor.L.data(), n, W.data(), n);
     Square next = d22;
-    next.noalias() -= d12.transpose() * llt.solve(d12);
+    detail::accumulate_transposed_product<-1>(W, W, next);
     return set_information(next);
   }
 
@@ -97,10 +105,16 @@ class PosteriorCrlb {
   [[nodiscard]] bool update(const Eigen::MatrixBase<HDerived>& H, const Eigen::MatrixBase<RDerived>& R) {
     if (H.cols() != root_.cols() || R.rows() != H.rows() || R.cols() != H.rows()) return false;
     if (!H.allFinite() || !R.allFinite()) return false;
-    const Eigen::LLT<typename RDerived::PlainObject> llt(R);
-    if (llt.info() != Eigen::Success) return false;
+    const detail::CholeskyFactor<typename RDerived::PlainObject> factor(R);
+    if (!factor.definite) return false;
     typename HDerived::PlainObject rows = H;
-    llt.matrixL().solveInPlace(rows);
+    for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+      for (Eigen::Index j = 0; j < rows.cols(); ++j) {
+        double rest = rows.coeff(i, j);
+        for (Eigen::Index k = 0; k < i; ++k) rest -= factor.L.coeff(i, k) * rows.coeff(k, j);
+        rows.coeffRef(i, j) = rest / factor.L.coeff(i, i);
+      }
+    }
     absorb(rows);
     return true;
   }
@@ -124,7 +138,11 @@ class PosteriorCrlb {
     return true;
   }
 
-  [[nodiscard]] Square information() const { return root_.transpose() * root_; }
+  [[nodiscard]] Square information() const {
+    Square J = Square::Zero(root_.rows(), root_.cols());
+    detail::accumulate_transposed_product<1>(root_, root_, J);
+    return J;
+  }
   [[nodiscard]] const Square& root() const noexcept { return root_; }
   /// The bound now, and what is not determined yet.
   [[nodiscard]] CramerRaoBound<N> bound(double tolerance = kRankTolerance) const {
@@ -148,16 +166,22 @@ class PosteriorCrlb {
   }
 
   [[nodiscard]] bool set_covariance(const Square& covariance) {
-    const Eigen::LLT<Square> llt(covariance);
-    if (llt.info() != Eigen::Success) return false;
-    Square inverse_factor = Square::Identity(covariance.rows(), covariance.cols());
-    llt.matrixL().solveInPlace(inverse_factor);
+    const detail::CholeskyFactor<Square> factor(covariance);
+    if (!factor.definite) return false;
+    const Eigen::Index n = covariance.rows();
+    Square inverse_factor = Square::Identity(n, n);
+    detail::solve_lower(factor.L.data(), n, inverse_factor.data(), n);
     set_root(inverse_factor);
     return true;
   }
 
   [[nodiscard]] bool set_information(const Square& information) {
-    const Square symmetric = 0.5 * (information + information.transpose());
+    Square symmetric = information;
+    for (Eigen::Index j = 0; j < symmetric.cols(); ++j) {
+      for (Eigen::Index i = 0; i < j; ++i) {
+        symmetric.coeffRef(i, j) = symmetric.coeffRef(j, i) = 0.5 * (symmetric.coeff(i, j) + symmetric.coeff(j, i));
+      }
+    }
     const auto rows = information_root<N>(symmetric);
     if (!rows) return false;
     set_root(*rows);
@@ -172,15 +196,16 @@ class PosteriorCrlb {
     const Eigen::Index n = root_.rows();
     const Eigen::Index q = G.cols();
     Eigen::Matrix<double, kAll, kAll> all = Eigen::Matrix<double, kAll, kAll>::Zero(n + q, n + q);
-    all.diagonal().head(q).setOnes();
-    const Eigen::Matrix<double, N, Q> noise = back * G;
+    for (Eigen::Index i = 0; i < q; ++i) all.coeffRef(i, i) = 1.0;
+    Eigen::Matrix<double, N, Q> noise(n, q);
+    detail::product(back, G, noise);
     for (Eigen::Index i = 0; i < n; ++i) {
       Eigen::Matrix<double, 1, kAll> h(n + q);
-      h.head(q) = -noise.row(i);
-      h.tail(n) = back.row(i);
+      for (Eigen::Index k = 0; k < q; ++k) h.coeffRef(k) = -noise.coeff(i, k);
+      for (Eigen::Index k = 0; k < n; ++k) h.coeffRef(q + k) = back.coeff(i, k);
       detail::absorb_row<kAll>(all, h);
     }
-    root_ = all.bottomRightCorner(n, n);
+    detail::copy_block(all, q, q, n, n, root_, 0, 0);
   }
 
   Square root_;

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/detail/symmetric_eigen.hpp"
 #include "soopnav/estimation/linear_filter.hpp"
 #include "soopnav/estimation/state.hpp"
@@ -88,31 +89,47 @@ template <class Square, class Right>
 bool solve_covariance(const Square& P, const Right& B, Right& X) {
   const Eigen::Index n = P.rows();
   const double tolerance = kSmootherRankTolerance * static_cast<double>(n);
-  const Eigen::LLT<Square> llt(P);
-  bool definite = llt.info() == Eigen::Success;
+  const CholeskyFactor<Square> factor(P);
+  bool definite = factor.definite;
   for (Eigen::Index i = 0; i < n && definite; ++i) {
-    const double pivot = llt.matrixLLT()(i, i);
-    definite = pivot * pivot > tolerance * P(i, i);
+    const double pivot = factor.L.coeff(i, i);
+    definite = pivot * pivot > tolerance * P.coeff(i, i);
   }
+  X = B;
   if (definite) {
-    X = llt.solve(B);
+    solve_lower(factor.L.data(), n, X.data(), X.cols());
+    solve_lower_transposed(factor.L.data(), n, X.data(), X.cols());
     return true;
   }
   // P = S C S with S the standard deviations and C the correlations: X = S⁻¹ C⁺ S⁻¹ B. A component without variance has
   // no correlation either; one is put for its deviation.
-  Eigen::Matrix<double, Square::RowsAtCompileTime, 1> scale = P.diagonal();
-  for (Eigen::Index i = 0; i < n; ++i) scale[i] = scale[i] > 0.0 ? 1.0 / std::sqrt(scale[i]) : 1.0;
-  const Square correlation = scale.asDiagonal() * P * scale.asDiagonal();
+  Eigen::Matrix<double, Square::RowsAtCompileTime, 1> scale(n);
+  for (Eigen::Index i = 0; i < n; ++i) scale[i] = P.coeff(i, i) > 0.0 ? 1.0 / std::sqrt(P.coeff(i, i)) : 1.0;
+  Square correlation = P;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    for (Eigen::Index i = 0; i < n; ++i) correlation.coeffRef(i, j) *= scale[i] * scale[j];
+  }
   Eigen::Matrix<double, Square::RowsAtCompileTime, 1> inverse(n);
   Square vectors(n, n);
   symmetric_eigen(correlation.data(), static_cast<int>(n), inverse.data(), vectors.data());
-  const double cut = tolerance * inverse.cwiseAbs().maxCoeff();
-  for (Eigen::Index i = 0; i < n; ++i) inverse[i] = inverse[i] > cut ? 1.0 / inverse[i] : 0.0;
-  const Right scaled = scale.asDiagonal() * B;
-  const Right turned = vectors.transpose() * scaled;
-  const Right weighted = inverse.asDiagonal() * turned;
-  const Right solved = vectors * weighted;
-  X = scale.asDiagonal() * solved;
+  double largest = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) largest = std::max(largest, std::abs(inverse[i]));
+  for (Eigen::Index i = 0; i < n; ++i) inverse[i] = inverse[i] > tolerance * largest ? 1.0 / inverse[i] : 0.0;
+  Right turned = B;
+  for (Eigen::Index j = 0; j < X.cols(); ++j) {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      X.coeffRef(i, j) *= scale[i];
+      turned.coeffRef(i, j) = 0.0;
+    }
+  }
+  accumulate_transposed_product<1>(vectors, X, turned);
+  for (Eigen::Index j = 0; j < X.cols(); ++j) {
+    for (Eigen::Index i = 0; i < n; ++i) turned.coeffRef(i, j) *= inverse[i];
+  }
+  product(vectors, turned, X);
+  for (Eigen::Index j = 0; j < X.cols(); ++j) {
+    for (Eigen::Index i = 0; i < n; ++i) X.coeffRef(i, j) *= scale[i];
+  }
   return false;
 }
 
@@ -189,13 +206,19 @@ class RtsSmoother {
     Covariance gain_transposed;
     if (!detail::solve_covariance(next.P_pred, from_next, gain_transposed)) ++singular_steps_;  // eq. 8
     const typename State::Tangent correction = next.predicted.local(later.state);
-    const typename State::Tangent move = gain_transposed.transpose() * correction;
+    typename State::Tangent move = State::Tangent::Zero();
+    detail::accumulate_transposed_product<1>(gain_transposed, correction, move);
     out.state = now.filtered.retract(move);  // eq. 9
-    const Covariance difference = later.P - next.P_pred;
-    const Covariance half = difference * gain_transposed;
-    const Covariance P = now.P + gain_transposed.transpose() * half;  // eq. 10
-    out.P = 0.5 * (P + P.transpose());
-    return out.state.x.allFinite() && out.P.allFinite();
+    Covariance difference = later.P;
+    for (Eigen::Index i = 0; i < difference.size(); ++i) difference.data()[i] -= next.P_pred.data()[i];
+    Covariance half;
+    detail::product(difference, gain_transposed, half);
+    Covariance P = now.P;
+    detail::accumulate_transposed_product<1>(gain_transposed, half, P);  // eq. 10
+    for (int j = 0; j < State::kDim; ++j) {
+      for (int i = 0; i < State::kDim; ++i) out.P.coeffRef(i, j) = 0.5 * (P.coeff(i, j) + P.coeff(j, i));
+    }
+    return detail::all_finite(out.state.x) && detail::all_finite(out.P);
   }
 
   std::vector<Record> records_;

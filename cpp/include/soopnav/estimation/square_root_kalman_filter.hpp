@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <stdexcept>
@@ -48,7 +47,7 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
   /// S Sᵀ, formed for the call.
   [[nodiscard]] Square covariance() const noexcept {
     Square P;
-    P.noalias() = root_ * root_.transpose();
+    detail::product_transposed(root_, root_, P);
     detail::mirror_lower(P);
     return P;
   }
@@ -58,7 +57,7 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
   /// Puts back a state and covariance. False, nothing changed, when `P` has no triangular root.
   bool restore(const State& x, const Square& P) noexcept {
     Square root;
-    if (!P.allFinite() || !detail::semidefinite_root(P, root)) return false;
+    if (!detail::all_finite(P) || !detail::semidefinite_root(P, root)) return false;
     restore_root(x, root);
     return true;
   }
@@ -75,14 +74,16 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
     const UpdateStatus status = detail::linearise(process, state_, input, dt_s, y);
     if (status != UpdateStatus::kAccepted) return status;
     Eigen::Matrix<double, kDim, kDim + Process::kNoise> array;
-    array.template leftCols<kDim>().noalias() = y.F.template topLeftCorner<kDim, kDim>() * root_;
-    array.template rightCols<Process::kNoise>() = y.G.template topRows<kDim>();
-    if (!y.state.x.allFinite() || !array.allFinite()) return UpdateStatus::kNonFinite;
-    Square moved = array.template leftCols<kDim>();
+    Square moved;
+    detail::product(y.F, root_, moved);
+    detail::copy_block(moved, 0, 0, kDim, kDim, array, 0, 0);
+    detail::copy_block(y.G, 0, 0, kDim, Process::kNoise, array, 0, kDim);
+    if (!detail::all_finite(y.state.x) || !detail::all_finite(array)) return UpdateStatus::kNonFinite;
     detail::make_lower_triangular(array);
-    Square root = array.template leftCols<kDim>();
-    if (!root.allFinite()) return UpdateStatus::kNonFinite;
-    if (cross != nullptr) cross->noalias() = root_ * moved.transpose();
+    Square root;
+    detail::copy_block(array, 0, 0, kDim, kDim, root, 0, 0);
+    if (!detail::all_finite(root)) return UpdateStatus::kNonFinite;
+    if (cross != nullptr) detail::product_transposed(root_, moved, *cross);
     raise_to_floor(root);
     state_ = y.state;
     root_ = root;
@@ -112,19 +113,25 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
     // [R^1/2  H S; 0  S], which the reflections turn into [S_y^1/2  0; K S_y^1/2  S+].
     const Eigen::Index m = report.innovation.size();
     Eigen::Matrix<double, kSize, kSize, 0, kMaxSize, kMaxSize> array(m + kDim, m + kDim);
-    const Eigen::LLT<typename Report::Square> noise(R);
+    const detail::CholeskyFactor<typename Report::Square> noise(R);
+    detail::BoundedMatrix<kM, kDim, Rows::kMaxRows, kDim> HS(m, kDim);
+    detail::product(H, root_, HS);
     array.setZero();
-    array.topLeftCorner(m, m) = noise.matrixL();
-    array.topRightCorner(m, kDim) = H.lazyProduct(root_);
-    array.bottomRightCorner(kDim, kDim) = root_;
-    report.covariance = array.topRightCorner(m, kDim).lazyProduct(array.topRightCorner(m, kDim).transpose());
-    report.covariance += R;
-    if (!report.innovation.allFinite() || !report.covariance.allFinite()) {
+    for (Eigen::Index j = 0; j < m; ++j) {
+      for (Eigen::Index i = j; i < m; ++i) array(i, j) = noise.L(i, j);
+    }
+    detail::copy_block(HS, 0, 0, m, kDim, array, 0, m);
+    detail::copy_block(root_, 0, 0, kDim, kDim, array, m, m);
+    report.covariance = R;
+    detail::accumulate_product_transposed<1>(HS, HS, report.covariance);
+    if (!detail::all_finite(report.innovation) || !detail::all_finite(report.covariance)) {
       report.status = UpdateStatus::kNonFinite;
       return;
     }
     detail::make_lower_triangular(array);
-    if (!array.allFinite() || !(array.diagonal().head(m).array() > 0.0).all()) {
+    bool sound = detail::all_finite(array);
+    for (Eigen::Index i = 0; i < m; ++i) sound &= array(i, i) > 0.0;
+    if (!sound) {
       report.status = UpdateStatus::kNotPositiveDefinite;
       return;
     }
@@ -133,17 +140,20 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
       for (Eigen::Index j = 0; j < i; ++j) whitened[i] -= array(i, j) * whitened[j];
       whitened[i] /= array(i, i);
     }
-    report.nis = whitened.squaredNorm();
+    report.nis = detail::squared_norm(whitened);
     if (!detail::passes(gate, report)) {
       report.status = UpdateStatus::kGated;
       return;
     }
-    const Tangent step = array.bottomLeftCorner(kDim, m).lazyProduct(whitened);
-    if (!step.allFinite()) {
+    Tangent step = Tangent::Zero();
+    for (Eigen::Index j = 0; j < m; ++j) {
+      for (int i = 0; i < kDim; ++i) step[i] += array(m + i, j) * whitened[j];
+    }
+    if (!detail::all_finite(step)) {
       report.status = UpdateStatus::kNonFinite;
       return;
     }
-    root_ = array.bottomRightCorner(kDim, kDim);
+    detail::copy_block(array, m, m, kDim, kDim, root_, 0, 0);
     raise_to_floor(root_);
     state_ = state_.retract(step);
     report.status = UpdateStatus::kAccepted;
@@ -152,12 +162,16 @@ class SquareRootKalmanFilter : public detail::LinearisedUpdates<SquareRootKalman
   void raise_to_floor(Square& root) noexcept {
     if (!floor_.active) return;
     Tangent sigma;
-    if (!floor_.missing(root.rowwise().squaredNorm(), sigma)) return;
-    Eigen::Matrix<double, kDim, 2 * kDim> array;
-    array.template leftCols<kDim>() = root;
-    array.template rightCols<kDim>() = sigma.asDiagonal();
+    Tangent variances = Tangent::Zero();
+    for (int j = 0; j < kDim; ++j) {
+      for (int i = j; i < kDim; ++i) variances[i] += root.coeff(i, j) * root.coeff(i, j);
+    }
+    if (!floor_.missing(variances, sigma)) return;
+    Eigen::Matrix<double, kDim, 2 * kDim> array = Eigen::Matrix<double, kDim, 2 * kDim>::Zero();
+    detail::copy_block(root, 0, 0, kDim, kDim, array, 0, 0);
+    for (int i = 0; i < kDim; ++i) array.coeffRef(i, kDim + i) = sigma[i];
     detail::make_lower_triangular(array);
-    root = array.template leftCols<kDim>();
+    detail::copy_block(array, 0, 0, kDim, kDim, root, 0, 0);
   }
 
   State state_;

@@ -82,21 +82,35 @@ class UnscentedKalmanFilter {
       image.state.normalize();
       moved.col(i) = y.state.local(image.state);
     }
-    const Tangent mean = weight_ * moved.rowwise().sum();
+    Tangent mean = Tangent::Zero();
+    for (int i = 0; i < kPoints - 1; ++i) {
+      for (int r = 0; r < kDim; ++r) mean[r] += weight_ * moved.coeff(r, i);
+    }
     const State next = y.state.retract(mean);
-    const Tangent middle = -mean;
-    moved.colwise() -= mean;
-    const auto G = y.G.template topRows<kDim>();
-    Square P = middle_covariance_ * middle * middle.transpose();
-    P.noalias() += weight_ * moved * moved.transpose();
-    P.noalias() += G * G.transpose();
-    if (!next.x.allFinite() || !P.allFinite()) return UpdateStatus::kNonFinite;
+    for (int i = 0; i < kPoints - 1; ++i) {
+      for (int r = 0; r < kDim; ++r) moved.coeffRef(r, i) -= mean[r];
+    }
+    // (-mean)(-mean)ᵀ of the middle point, the others, the noise.
+    Square P;
+    for (int j = 0; j < kDim; ++j) {
+      for (int i = 0; i < kDim; ++i) P.coeffRef(i, j) = middle_covariance_ * mean[i] * mean[j];
+    }
+    Deviations weighted = moved;
+    for (Eigen::Index i = 0; i < weighted.size(); ++i) weighted.data()[i] *= weight_;
+    detail::accumulate_product_transposed<1>(weighted, moved, P);
+    detail::accumulate_product_transposed<1>(y.G, y.G, P);
+    if (!detail::all_finite(next.x) || !detail::all_finite(P)) return UpdateStatus::kNonFinite;
     if (!detail::is_sound(P)) return UpdateStatus::kNotPositiveDefinite;
     detail::mirror_lower(P);
     floor_.apply(P);
     if (cross != nullptr) {
       cross->setZero();
-      for (int i = 0; i < kPoints - 1; ++i) cross->noalias() += weight_ * offset(root, i) * moved.col(i).transpose();
+      for (int i = 0; i < kPoints - 1; ++i) {
+        const Tangent start = offset(root, i);
+        for (int j = 0; j < kDim; ++j) {
+          for (int r = 0; r < kDim; ++r) cross->coeffRef(r, j) += start[r] * weighted.coeff(j, i);
+        }
+      }
     }
     state_ = next;
     P_ = P;
@@ -113,7 +127,7 @@ class UnscentedKalmanFilter {
   UpdateReport<Model::kDim> update(const Model& model, const Eigen::Matrix<double, Model::kDim, 1>& z,
                                    const Eigen::Matrix<double, Model::kDim, Model::kDim>& R, const Gate& gate = {}) {
     UpdateReport<Model::kDim> report;
-    report.status = z.allFinite() ? detail::check_noise(R) : UpdateStatus::kNonFinite;
+    report.status = detail::all_finite(z) ? detail::check_noise(R) : UpdateStatus::kNonFinite;
     if (report.accepted()) apply(std::span<const Model, 1>(&model, 1), z, R, gate, report);
     return report;
   }
@@ -140,7 +154,7 @@ class UnscentedKalmanFilter {
     Report report(static_cast<int>(rows));
     const typename Report::Vector z = group.z;
     const typename Report::Square R = group.R;
-    report.status = z.allFinite() ? detail::check_noise(R) : UpdateStatus::kNonFinite;
+    report.status = detail::all_finite(z) ? detail::check_noise(R) : UpdateStatus::kNonFinite;
     if (report.accepted()) apply(group.models, z, R, gate, report);
     return report;
   }
@@ -208,36 +222,57 @@ class UnscentedKalmanFilter {
     for (int i = 0; defined && i < kPoints - 1; ++i) {
       defined = values(models, state_.retract(offset(root, i)), at_point);
       subtract(models, at_point, middle, difference);
-      h.col(i) = difference;
+      for (Eigen::Index r = 0; r < rows; ++r) h.coeffRef(r, i) = difference.coeff(r);
     }
     if (!defined) {
       report.status = UpdateStatus::kUndefined;
       return;
     }
-    const Rows mean = weight_ * h.rowwise().sum();
-    const Rows predicted = middle + mean;
+    Rows mean(rows);
+    Rows predicted(rows);
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      double sum = 0.0;
+      for (int i = 0; i < kPoints - 1; ++i) sum += h.coeff(r, i);
+      mean.coeffRef(r) = weight_ * sum;
+      predicted.coeffRef(r) = middle.coeff(r) + mean.coeff(r);
+    }
     subtract(models, z, predicted, report.innovation);
-    h.colwise() -= mean;
-    report.covariance = R;
-    report.covariance += middle_covariance_ * mean.lazyProduct(mean.transpose());
-    report.covariance += weight_ * h.lazyProduct(h.transpose());
+    for (int i = 0; i < kPoints - 1; ++i) {
+      for (Eigen::Index r = 0; r < rows; ++r) h.coeffRef(r, i) -= mean.coeff(r);
+    }
+    for (Eigen::Index j = 0; j < rows; ++j) {
+      for (Eigen::Index i = 0; i < rows; ++i) {
+        double sum = 0.0;
+        for (int k = 0; k < kPoints - 1; ++k) sum += h.coeff(i, k) * h.coeff(j, k);
+        report.covariance.coeffRef(i, j) =
+            R.coeff(i, j) + middle_covariance_ * mean.coeff(i) * mean.coeff(j) + weight_ * sum;
+      }
+    }
     // Pxz = L W with W = scale weight (h+ - h-)ᵀ, so the linearised model is H = Wᵀ L⁻¹ and H P Hᵀ = Wᵀ W.
     using Gain = detail::BoundedMatrix<kDim, kM, kDim, kMaxM>;
     Gain W(kDim, rows);
-    for (int i = 0; i < kDim; ++i) W.row(i) = (scale_ * weight_) * (h.col(i) - h.col(i + kDim)).transpose();
-    const Gain PH = root.lazyProduct(W);
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      for (int i = 0; i < kDim; ++i) W.coeffRef(i, r) = scale_ * weight_ * (h.coeff(r, i) - h.coeff(r, i + kDim));
+    }
+    Gain PH(kDim, rows);
+    detail::product(root, W, PH);
     Gain K(kDim, rows);
     if (!detail::innovate(report, PH, gate, K)) return;
     // Joseph's form in the whitened tangent: P = (L - K Wᵀ)(L - K Wᵀ)ᵀ + K (S - Wᵀ W) Kᵀ.
-    const Square A = root - K.lazyProduct(W.transpose());
-    const typename Report::Square rest = report.covariance - W.transpose().lazyProduct(W);
-    const Tangent step = K.lazyProduct(report.innovation);
-    const Gain Krest = K.lazyProduct(rest);
+    Square A = root;
+    detail::accumulate_product_transposed<-1>(K, W, A);
+    typename Report::Square rest = report.covariance;
+    detail::accumulate_transposed_product<-1>(W, W, rest);
+    Tangent step;
+    detail::product(K, report.innovation, step);
+    Gain Krest(kDim, rows);
+    detail::product(K, rest, Krest);
     Square P;
-    P.noalias() = A * A.transpose();
-    P += Krest.lazyProduct(K.transpose());
-    if (!step.allFinite() || !detail::is_sound(P)) {
-      report.status = step.allFinite() ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
+    detail::product_transposed(A, A, P);
+    detail::accumulate_product_transposed<1>(Krest, K, P);
+    const bool finite = detail::all_finite(step);
+    if (!finite || !detail::is_sound(P)) {
+      report.status = finite ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite;
       return;
     }
     detail::mirror_lower(P);
@@ -250,7 +285,11 @@ class UnscentedKalmanFilter {
   // Lower L with L Lᵀ = P; a component that is known exactly (zero variance) gets a column of zeros.
   [[nodiscard]] bool square_root(Square& L) const noexcept { return detail::semidefinite_root(P_, L); }
   [[nodiscard]] Tangent offset(const Square& root, int i) const noexcept {
-    return i < kDim ? Tangent(scale_ * root.col(i)) : Tangent(-scale_ * root.col(i - kDim));
+    const int column = i < kDim ? i : i - kDim;
+    const double scale = i < kDim ? scale_ : -scale_;
+    Tangent offset;
+    for (int r = 0; r < kDim; ++r) offset[r] = scale * root.coeff(r, column);
+    return offset;
   }
 
   State state_;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <limits>
@@ -8,6 +7,7 @@
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/status.hpp"
 #include "soopnav/estimation/chi_square.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 
 namespace soopnav {
 
@@ -51,9 +51,10 @@ struct UpdateReport {
   /// Logarithm of the Gaussian density of the innovation, -(nis + log det(2 pi S)) / 2; NaN where `nis` is.
   [[nodiscard]] double log_likelihood() const noexcept {
     if (!(nis >= 0.0)) return std::numeric_limits<double>::quiet_NaN();
-    const Eigen::LLT<Square> llt(covariance);
+    const detail::CholeskyFactor<Square> root(covariance);
+    if (!root.definite) return std::numeric_limits<double>::quiet_NaN();
     double log_determinant = static_cast<double>(innovation.size()) * std::log(kTwoPi);
-    for (Eigen::Index i = 0; i < innovation.size(); ++i) log_determinant += 2.0 * std::log(llt.matrixLLT()(i, i));
+    for (Eigen::Index i = 0; i < innovation.size(); ++i) log_determinant += 2.0 * std::log(root.L.coeff(i, i));
     return -0.5 * (nis + log_determinant);
   }
 };

@@ -27,5 +27,16 @@ namespace detail {
 template <int Space>
 using FrameOfSpace = std::conditional_t<Space == 2, PlanarFrame, EcefFrame>;
 
+// Whether two points are too near each other for a direction, by the square of their distance. Packets of particles are
+// not asked: the few that are get some direction. NaN passes, to be seen in what comes out.
+template <class T>
+[[nodiscard]] constexpr bool too_near(const T& square_m2) noexcept {
+  if constexpr (std::is_arithmetic_v<T>) {
+    return square_m2 <= kMinRangeM * kMinRangeM;
+  } else {
+    return false;
+  }
+}
+
 }  // namespace detail
 }  // namespace soopnav

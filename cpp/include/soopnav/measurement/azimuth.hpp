@@ -20,7 +20,7 @@ namespace soopnav {
 ///          a `Block` or a role: `Azimuth<PlanarFrame, Role<1, HeadingTag>>` is a bearing relative to the heading.
 /// Emitter: `AzimuthToEmitter` has the source as the state and the receiver known.
 /// Residual: wrapped to [-pi, pi).
-/// Refused: `predict` with a Jacobian answers false within `kMinRangeM` horizontally. No allocation.
+/// Refused: `predict` answers false within `kMinRangeM` horizontally (of packets only with a Jacobian). No allocation.
 template <class FrameTag, PartOf<1> Heading = Known<1>, StatePart Source = Known<2>,
           PartOf<Source::kDim> Receiver = Role<Source::kDim, PositionTag>>
 struct Azimuth {
@@ -44,9 +44,10 @@ struct Azimuth {
     const auto c = eval(q[kCosine] - p[kCosine]);
     const auto s = eval(q[1 - kCosine] - p[1 - kCosine]);
     y.value(0) = wrap_to_pi(eval(atan2(s, c) - x(heading)[0]));
+    const auto square = eval(c * c + s * s);
+    if (detail::too_near(square)) return false;
     if constexpr (Y::kJacobian) {
-      const double square = c * c + s * s;
-      if (!(square > kMinRangeM * kMinRangeM)) return false;
+      if (std::isnan(square)) return false;
       auto&& to_p = y.jacobian(receiver_p);
       auto&& to_q = y.jacobian(source_p);
       to_p(0, kCosine) += s / square;

@@ -121,8 +121,9 @@ struct BodyDirection {
     const auto level = eval(sqrt(a * a + b * b));
     y.value(0) = wrap_to_pi(eval(atan2(b, a)));
     y.value(1) = atan2(up, level);
+    if (detail::too_near(eval(level * level))) return false;
     if constexpr (Y::kJacobian) {
-      if (!(level > kMinRangeM)) return false;
+      if (std::isnan(level)) return false;
       const double square = level * level + up * up;
       const double bend = up / (level * square);
       // Rows of the gradient with respect to d, then through d = Cᵀ (q - p) and d(exp(t)ᵀ d)/dt = d x.

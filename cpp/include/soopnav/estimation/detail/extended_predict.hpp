@@ -5,6 +5,7 @@
 
 #include "soopnav/core/status.hpp"
 #include "soopnav/estimation/covariance_floor.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/transition.hpp"
 
 namespace soopnav::detail {
@@ -32,7 +33,7 @@ template <class Process, class State, class Square>
   Square A;
   Square next;
   propagate_covariance(y, P, A, next);
-  if (!y.state.x.allFinite() || !next.allFinite()) return UpdateStatus::kNonFinite;
+  if (!all_finite(y.state.x) || !all_finite(next)) return UpdateStatus::kNonFinite;
   floor.apply(next);
   if (cross != nullptr) *cross = A.transpose();
   state = y.state;

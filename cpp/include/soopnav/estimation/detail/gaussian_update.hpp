@@ -1,12 +1,12 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <type_traits>
 
 #include "soopnav/core/status.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/update_report.hpp"
 
 namespace soopnav::detail {
@@ -20,19 +20,20 @@ using BoundedMatrix =
 /// Whether `R` can be the covariance of an observation: finite, symmetric to rounding, positive definite.
 template <class Matrix>
 [[nodiscard]] UpdateStatus check_noise(const Matrix& R) noexcept {
-  if (!R.allFinite()) return UpdateStatus::kNonFinite;
   if constexpr (Matrix::RowsAtCompileTime == 1) {
-    return R(0, 0) > 0.0 ? UpdateStatus::kAccepted : UpdateStatus::kNotPositiveDefinite;
+    const double r = R.coeff(0, 0);
+    if (!std::isfinite(r)) return UpdateStatus::kNonFinite;
+    return r > 0.0 ? UpdateStatus::kAccepted : UpdateStatus::kNotPositiveDefinite;
   } else {
-    for (Eigen::Index i = 0; i < R.rows(); ++i) {
+    typename Matrix::PlainObject L = R;
+    if (!all_finite(L)) return UpdateStatus::kNonFinite;
+    for (Eigen::Index i = 0; i < L.rows(); ++i) {
       for (Eigen::Index j = 0; j < i; ++j) {
-        if (!(std::abs(R(i, j) - R(j, i)) <= 1e-9 * std::sqrt(std::abs(R(i, i) * R(j, j))))) {
-          return UpdateStatus::kNotPositiveDefinite;
-        }
+        const double scale = std::sqrt(std::abs(L.coeff(i, i) * L.coeff(j, j)));
+        if (!(std::abs(L.coeff(i, j) - L.coeff(j, i)) <= 1e-9 * scale)) return UpdateStatus::kNotPositiveDefinite;
       }
     }
-    const Eigen::LLT<typename Matrix::PlainObject> llt(R);
-    return llt.info() == Eigen::Success ? UpdateStatus::kAccepted : UpdateStatus::kNotPositiveDefinite;
+    return cholesky_in_place(L.data(), L.rows()) ? UpdateStatus::kAccepted : UpdateStatus::kNotPositiveDefinite;
   }
 }
 
@@ -48,11 +49,35 @@ template <class Report>
   return true;
 }
 
+/// PH = P Hᵀ and S = H P Hᵀ + R.
+template <class HMatrix, class Square, class RMatrix, class PHt, class Covariance>
+void project(const HMatrix& H, const Square& P, const RMatrix& R, PHt& PH, Covariance& S) noexcept {
+  if constexpr (PHt::ColsAtCompileTime == 1) {
+    PH.noalias() = P * H.transpose();
+    S.noalias() = H * PH;
+    S += R;
+  } else {
+    product_transposed(P, H, PH);
+    S = R;
+    accumulate_product<1>(H, PH, S);
+  }
+}
+
+/// step = K innovation.
+template <class Gain, class Vector, class Tangent>
+void correct(const Gain& K, const Vector& innovation, Tangent& step) noexcept {
+  if constexpr (Gain::ColsAtCompileTime == 1) {
+    step = K * innovation[0];
+  } else {
+    product(K, innovation, step);
+  }
+}
+
 /// Solves S Kᵀ = (P Hᵀ)ᵀ, fills NIS, gates. `report.innovation` and `report.covariance` are set. True when K is.
 template <class Report, class PHt, class Gain>
 [[nodiscard]] bool innovate(Report& report, const PHt& PH, const Gate& gate, Gain& K) noexcept {
   using Square = typename Report::Square;
-  if (!report.innovation.allFinite() || !report.covariance.allFinite()) {
+  if (!all_finite(report.innovation) || !all_finite(report.covariance)) {
     report.status = UpdateStatus::kNonFinite;
     return false;
   }
@@ -69,22 +94,22 @@ template <class Report, class PHt, class Gain>
     }
     K = PH * (1.0 / s);
   } else {
-    const Eigen::LLT<Square> llt(report.covariance);
-    if (llt.info() != Eigen::Success) {
+    const CholeskyFactor<Square> root(report.covariance);
+    if (!root.definite) {
       report.status = UpdateStatus::kNotPositiveDefinite;
       return false;
     }
     typename Report::Vector whitened = report.innovation;
-    llt.matrixL().solveInPlace(whitened);
-    report.nis = whitened.squaredNorm();
+    root.whiten(whitened);
+    report.nis = squared_norm(whitened);
     if (!passes(gate, report)) {
       report.status = UpdateStatus::kGated;
       return false;
     }
     // K Sᵀ = P Hᵀ, two triangular solves from the right.
     K = PH;
-    llt.matrixU().template solveInPlace<Eigen::OnTheRight>(K);
-    llt.matrixL().template solveInPlace<Eigen::OnTheRight>(K);
+    solve_right_lower_transposed(root.L.data(), K.cols(), K.data(), K.rows());
+    solve_right_lower(root.L.data(), K.cols(), K.data(), K.rows());
   }
   return true;
 }
@@ -93,7 +118,7 @@ template <class Report, class PHt, class Gain>
 template <class Matrix>
 void mirror_lower(Matrix& P) noexcept {
   for (Eigen::Index j = 1; j < P.cols(); ++j) {
-    for (Eigen::Index i = 0; i < j; ++i) P(i, j) = P(j, i);
+    for (Eigen::Index i = 0; i < j; ++i) P.coeffRef(i, j) = P.coeff(j, i);
   }
 }
 
@@ -103,8 +128,8 @@ void subtract_symmetric(Square& P, const Gain& K, const Columns& B) noexcept {
   if constexpr (Gain::ColsAtCompileTime == 1) {
     for (Eigen::Index j = 0; j < P.cols(); ++j) P.col(j) -= K * B[j] + B * K[j];
   } else {
-    P.noalias() -= K * B.transpose();
-    P.noalias() -= B * K.transpose();
+    accumulate_product_transposed<-1>(K, B, P);
+    accumulate_product_transposed<-1>(B, K, P);
   }
 }
 
@@ -115,9 +140,17 @@ void subtract_symmetric(Square& P, const Gain& K, const Columns& B) noexcept {
 template <class Square, class HMatrix, class RMatrix, class PHt, class Gain>
 void joseph_update(Square& P, const HMatrix& H, const RMatrix& R, const PHt& PH, const Gain& K) noexcept {
   PHt B = PH;
-  B.noalias() -= K * (H * PH);
-  B.noalias() -= K * R;
-  B = 0.5 * (B + PH);
+  if constexpr (Gain::ColsAtCompileTime == 1) {
+    B.noalias() -= K * (H * PH);
+    B.noalias() -= K * R;
+    B = 0.5 * (B + PH);
+  } else {
+    RMatrix HPH = R;
+    product(H, PH, HPH);
+    accumulate_product<-1>(K, HPH, B);
+    accumulate_product<-1>(K, R, B);
+    for (Eigen::Index i = 0; i < B.size(); ++i) B.data()[i] = 0.5 * (B.data()[i] + PH.data()[i]);
+  }
   subtract_symmetric(P, K, B);
   if constexpr (Gain::ColsAtCompileTime != 1) mirror_lower(P);
 }
@@ -126,15 +159,19 @@ void joseph_update(Square& P, const HMatrix& H, const RMatrix& R, const PHt& PH,
 /// zeros. False when a pivot is negative beyond rounding.
 template <class Square>
 [[nodiscard]] bool semidefinite_root(const Square& P, Square& L) noexcept {
-  L.setZero();
   for (Eigen::Index j = 0; j < P.cols(); ++j) {
-    const double pivot = P(j, j) - L.row(j).head(j).squaredNorm();
-    const double rounding = 1e-13 * std::abs(P(j, j));
+    for (Eigen::Index i = 0; i < P.rows(); ++i) L.coeffRef(i, j) = 0.0;
+    double pivot = P.coeff(j, j);
+    for (Eigen::Index k = 0; k < j; ++k) pivot -= L.coeff(j, k) * L.coeff(j, k);
+    const double rounding = 1e-13 * std::abs(P.coeff(j, j));
     if (!(pivot >= -rounding)) return false;
     if (pivot <= rounding) continue;
-    L(j, j) = std::sqrt(pivot);
+    const double root = std::sqrt(pivot);
+    L.coeffRef(j, j) = root;
     for (Eigen::Index i = j + 1; i < P.rows(); ++i) {
-      L(i, j) = (P(i, j) - L.row(i).head(j).dot(L.row(j).head(j))) / L(j, j);
+      double rest = P.coeff(i, j);
+      for (Eigen::Index k = 0; k < j; ++k) rest -= L.coeff(i, k) * L.coeff(j, k);
+      L.coeffRef(i, j) = rest / root;
     }
   }
   return true;
@@ -143,7 +180,9 @@ template <class Square>
 /// Whether `P` can be a covariance after an update: finite, no negative variance.
 template <class Square>
 [[nodiscard]] bool is_sound(const Square& P) noexcept {
-  return P.allFinite() && (P.diagonal().array() >= 0.0).all();
+  bool sound = all_finite(P);
+  for (Eigen::Index i = 0; i < P.rows(); ++i) sound &= P.coeff(i, i) >= 0.0;
+  return sound;
 }
 
 }  // namespace soopnav::detail

@@ -1,9 +1,9 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/estimation/detail/symmetric_eigen.hpp"
 
 namespace soopnav::detail {
@@ -23,11 +23,14 @@ class InformationSolver {
 
   explicit InformationSolver(const Square& Y) noexcept {
     for (int i = 0; i < Dim; ++i) scale_[i] = Y(i, i) > 0.0 ? 1.0 / std::sqrt(Y(i, i)) : 1.0;
-    const Square C = scale_.asDiagonal() * Y * scale_.asDiagonal();
-    llt_.compute(C);
-    definite_ = llt_.info() == Eigen::Success;
+    Square C;
+    for (int j = 0; j < Dim; ++j) {
+      for (int i = 0; i < Dim; ++i) C.coeffRef(i, j) = scale_[i] * Y.coeff(i, j) * scale_[j];
+    }
+    root_ = C;
+    definite_ = cholesky_in_place(root_.data(), Dim);
     for (int i = 0; i < Dim && definite_; ++i) {
-      const double pivot = llt_.matrixLLT()(i, i);
+      const double pivot = root_.coeff(i, i);
       definite_ = pivot * pivot > kInformationRankTolerance * Dim;
     }
     rank_ = Dim;
@@ -49,15 +52,22 @@ class InformationSolver {
   /// A solution X of Y X = B for B in the range of Y.
   template <class Right>
   [[nodiscard]] Right solve(const Right& B) const noexcept {
-    Right X = scale_.asDiagonal() * B;
+    Right X = B;
+    rescale(X);
     if (definite_) {
-      llt_.solveInPlace(X);
+      solve_lower(root_.data(), Dim, X.data(), X.cols());
+      solve_lower_transposed(root_.data(), Dim, X.data(), X.cols());
     } else {
-      Right turned = vectors_.transpose().lazyProduct(X);
-      turned = (inverse_.asDiagonal() * turned).eval();
-      X = vectors_.lazyProduct(turned);
+      Right turned = X;
+      for (Eigen::Index i = 0; i < X.size(); ++i) turned.data()[i] = 0.0;
+      accumulate_transposed_product<1>(vectors_, X, turned);
+      for (Eigen::Index j = 0; j < X.cols(); ++j) {
+        for (int i = 0; i < Dim; ++i) turned.coeffRef(i, j) *= inverse_[i];
+      }
+      product(vectors_, turned, X);
     }
-    return (scale_.asDiagonal() * X).eval();
+    rescale(X);
+    return X;
   }
 
   /// Whether hᵀ x is determined: h has no part outside the range of Y.
@@ -65,19 +75,27 @@ class InformationSolver {
   [[nodiscard]] bool determines(const Row& h) const noexcept {
     if (definite_) return true;
     Vector g = h;
-    g = (scale_.asDiagonal() * g).eval();
-    const double whole = g.squaredNorm();
+    rescale(g);
+    const double whole = squared_norm(g);
     double outside = 0.0;
     for (int i = 0; i < Dim; ++i) {
-      const double part = vectors_.col(i).dot(g);
+      double part = 0.0;
+      for (int k = 0; k < Dim; ++k) part += vectors_.coeff(k, i) * g[k];
       if (!(inverse_[i] > 0.0)) outside += part * part;
     }
     return outside <= kDeterminedTolerance * kDeterminedTolerance * whole;
   }
 
  private:
+  template <class Right>
+  void rescale(Right& X) const noexcept {
+    for (Eigen::Index j = 0; j < X.cols(); ++j) {
+      for (int i = 0; i < Dim; ++i) X.coeffRef(i, j) *= scale_[i];
+    }
+  }
+
   Vector scale_;
-  Eigen::LLT<Square> llt_;
+  Square root_;
   Square vectors_;
   Vector inverse_;
   bool definite_ = false;

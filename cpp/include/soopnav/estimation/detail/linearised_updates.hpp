@@ -70,7 +70,7 @@ class LinearisedUpdates {
   UpdateReport<Model::kDim> update(const Model& model, const Eigen::Matrix<double, Model::kDim, 1>& z,
                                    const Eigen::Matrix<double, Model::kDim, Model::kDim>& R, const Gate& gate = {}) {
     UpdateReport<Model::kDim> report;
-    report.status = z.allFinite() ? check_noise(R) : UpdateStatus::kNonFinite;
+    report.status = all_finite(z) ? check_noise(R) : UpdateStatus::kNonFinite;
     if (report.accepted()) derived().apply(SingleRows<State, Model>{model, z}, R, gate, report);
     return report;
   }
