@@ -50,7 +50,7 @@ Eigen::VectorXd returned_vector(py::handle object, const char* what, py::ssize_t
   return Eigen::Map<const Eigen::VectorXd>(array.data(), rows);
 }
 
-std::pair<py::object, py::object> returned_pair(py::object object, const char* what) {
+std::pair<py::object, py::object> returned_pair(const py::object& object, const char* what) {
   if (!py::isinstance<py::sequence>(object) || py::len(object) != 2) {
     throw py::value_error(std::string(what) + ": expected a pair of value and matrix, got " + describe(object));
   }

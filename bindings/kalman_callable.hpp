@@ -23,7 +23,7 @@ using RowMajorMatrixXd = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, E
 /// The same of shape (rows,).
 [[nodiscard]] Eigen::VectorXd returned_vector(py::handle object, const char* what, py::ssize_t rows);
 /// The two of a pair; ValueError otherwise.
-[[nodiscard]] std::pair<py::object, py::object> returned_pair(py::object object, const char* what);
+[[nodiscard]] std::pair<py::object, py::object> returned_pair(const py::object& object, const char* what);
 /// A new array of that shape.
 [[nodiscard]] py::array_t<double> new_array(std::span<const double> numbers, std::vector<py::ssize_t> shape);
 

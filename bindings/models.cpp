@@ -34,10 +34,10 @@ struct StateFacts {
 };
 
 const std::vector<StateFacts>& shipped() {
-  static const std::vector<StateFacts> facts = []<class... Entries>(StateList<Entries...>) {
+  static const std::vector<StateFacts> kFacts = []<class... Entries>(StateList<Entries...>) {
     return std::vector<StateFacts>{{Entries::kName, static_cast<std::size_t>(Entries::State::kSize)}...};
   }(ShippedStates{});
-  return facts;
+  return kFacts;
 }
 
 }  // namespace

@@ -73,7 +73,7 @@ struct Packet {
   SOOPNAV_INLINE Packet(const Half& low_lanes, const Half& high_lanes) noexcept : low(low_lanes), high(high_lanes) {}
   /// `value` in every lane.
   template <class S>
-  requires std::is_arithmetic_v<S> SOOPNAV_INLINE explicit(false) Packet(S value) noexcept {
+  requires std::is_arithmetic_v<S> SOOPNAV_INLINE explicit(false) Packet(S value) noexcept {  // NOLINT
     const T v = static_cast<T>(value);
     // By way of a quarter: a vector of 32 bytes is put together lane by lane where it is not the machine's.
     if constexpr (kHalf == 4) {
