@@ -30,4 +30,5 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_lte(lte);
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_navigation(navigation);
+  soopnav::python::register_ofdm_inertial(navigation);
 }

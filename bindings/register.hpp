@@ -18,6 +18,7 @@ void register_lte(pybind11::module_& module);
 void register_measurement(pybind11::module_& module);
 void register_multiple_model(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);
+void register_ofdm_inertial(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);

@@ -1,4 +1,4 @@
-"""Positions from observations."""
+"""Positions from observations, and the navigators."""
 
 from __future__ import annotations
 
@@ -6,8 +6,27 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
+from soopnav_cpp._ofdm_inertial import (
+    ImuCounts,
+    LinkReport,
+    OfdmInertialNavigator,
+    OfdmInertialRun,
+    PlanarStart,
+    RangeChanges,
+)
 
-__all__ = ["FixStatus", "NodeUse", "PositionFix", "position_fix"]
+__all__ = [
+    "FixStatus",
+    "ImuCounts",
+    "LinkReport",
+    "NodeUse",
+    "OfdmInertialNavigator",
+    "OfdmInertialRun",
+    "PlanarStart",
+    "PositionFix",
+    "RangeChanges",
+    "position_fix",
+]
 
 
 def position_fix(

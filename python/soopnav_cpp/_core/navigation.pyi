@@ -3,13 +3,14 @@ Positions from observations.
 """
 
 from __future__ import annotations
+import collections.abc
 import enum
 import numpy
 import numpy.typing
 import soopnav_cpp._core.estimation
 import typing
 
-__all__: list[str] = ["FixStatus", "NodeUse", "PositionFix", "position_fix"]
+__all__: list[str] = ["FixStatus", "NodeUse", "OfdmInertialNavigator", "PositionFix", "position_fix"]
 
 class FixStatus(enum.Enum):
     """
@@ -137,6 +138,118 @@ class PositionFix:
     def used(self) -> numpy.typing.NDArray[numpy.bool]:
         """
         Whether each node took part; shape (nodes,).
+        """
+
+class OfdmInertialNavigator:
+    """
+    Planar inertial navigation aided by OFDM block boundaries; the engine of soopnav_cpp.navigation.OfdmInertialNavigator.
+    """
+    def __copy__(self) -> OfdmInertialNavigator: ...
+    def __init__(
+        self,
+        transmitters_m: numpy.typing.ArrayLike,
+        starts: numpy.typing.ArrayLike,
+        *,
+        gyro_sigma_radps: typing.SupportsFloat | typing.SupportsIndex,
+        accelerometer_sigma_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        ambiguity_m: typing.SupportsFloat | typing.SupportsIndex,
+        gate_m: typing.SupportsFloat | typing.SupportsIndex,
+        gate_sigmas: typing.SupportsFloat | typing.SupportsIndex,
+        gate_nis: typing.SupportsFloat | typing.SupportsIndex,
+        clock_psd: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]
+        | None,
+        clock_drift_sigma_mps: typing.SupportsFloat | typing.SupportsIndex,
+        multipath: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]
+        | None,
+        reference_receiver: bool,
+        literal_transition: bool,
+        unmodelled: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+        yaw_rate_range_radps: typing.SupportsFloat | typing.SupportsIndex,
+        specific_force_range_mps2: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def clock_at(self, transmitter: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        State of its clock bias, or -1.
+        """
+    def coast(
+        self, receiver: typing.SupportsInt | typing.SupportsIndex, dt_s: typing.SupportsFloat | typing.SupportsIndex
+    ) -> int:
+        """
+        Carries a receiver without a sample.
+        """
+    def multipath_at(
+        self,
+        receiver: typing.SupportsInt | typing.SupportsIndex,
+        transmitter: typing.SupportsInt | typing.SupportsIndex,
+    ) -> int:
+        """
+        State of the link's bias, or -1.
+        """
+    def predict(
+        self,
+        receiver: typing.SupportsInt | typing.SupportsIndex,
+        yaw_rate_radps: typing.SupportsFloat | typing.SupportsIndex,
+        forward_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        left_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        dt_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> int:
+        """
+        Carries a receiver through one sample; an UpdateStatus' number.
+        """
+    def predict_links(self, dt_s: typing.SupportsFloat | typing.SupportsIndex) -> int:
+        """
+        Carries clocks and multipath biases.
+        """
+    def receiver_at(self, receiver: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        First state of a receiver, or -1.
+        """
+    def run(
+        self,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        imu_t_s: numpy.typing.ArrayLike,
+        yaw_rate_radps: numpy.typing.ArrayLike,
+        specific_force_b_mps2: numpy.typing.ArrayLike,
+        imu_period_s: typing.SupportsFloat | typing.SupportsIndex,
+        epoch_t_s: numpy.typing.ArrayLike,
+        range_change_m: numpy.typing.ArrayLike,
+        range_sigma_m: numpy.typing.ArrayLike,
+        reference_range_change_m: numpy.typing.ArrayLike,
+        reference_sigma_m: numpy.typing.ArrayLike,
+        record_every: typing.SupportsInt | typing.SupportsIndex,
+    ) -> dict:
+        """
+        A whole run, on a copy.
+        """
+    def update(
+        self,
+        receiver: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        transmitter: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        range_change_m: numpy.typing.ArrayLike,
+        range_sigma_m: numpy.typing.ArrayLike,
+    ) -> dict:
+        """
+        Takes the boundaries of one epoch.
+        """
+    @property
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of the states; shape (n, n).
+        """
+    @property
+    def dim(self) -> int:
+        """
+        Number of states.
+        """
+    @property
+    def names(self) -> list[str]:
+        """
+        What each state is.
+        """
+    @property
+    def state(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The states; shape (n,).
         """
 
 def position_fix(
