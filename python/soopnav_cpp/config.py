@@ -16,7 +16,7 @@ import pydantic
 import tomlkit
 import tomlkit.exceptions
 
-__all__ = ["ConfigError", "Model", "Vector3", "load_toml"]
+__all__ = ["ConfigError", "InputFile", "Model", "Vector3", "load_toml"]
 
 _WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 _Location = tuple[int | str, ...]
@@ -52,7 +52,21 @@ def _three_numbers(value: object) -> tuple[float, float, float]:
 #: Three finite numbers.
 Vector3 = Annotated[tuple[float, float, float], pydantic.BeforeValidator(_three_numbers)]
 
-_ModelT = TypeVar("_ModelT", bound=Model)
+
+def _input_file(value: object, info: pydantic.ValidationInfo) -> Path:
+    """The path as seen from the file that names it."""
+    if not isinstance(value, (str, Path)):
+        raise ValueError("the name of a file expected")
+    path = Path((info.context or {}).get("folder", "."), value)
+    if not path.is_file():
+        raise ValueError(f"{path}: {'a folder; a file expected' if path.is_dir() else 'no such file'}")
+    return path
+
+
+#: A file that exists; a relative name counts from the folder of the TOML file in which it stands.
+InputFile = Annotated[Path, pydantic.BeforeValidator(_input_file)]
+
+_ModelT = TypeVar("_ModelT", bound=pydantic.BaseModel)
 
 
 def load_toml(path: Path, model: type[_ModelT]) -> _ModelT:
@@ -77,7 +91,7 @@ def load_toml(path: Path, model: type[_ModelT]) -> _ModelT:
     except (tomlkit.exceptions.TOMLKitError, RecursionError) as error:
         raise ConfigError(f"{path}:{_line_of_failure(text, type(error))}: not TOML: {error}") from error
     try:
-        return model.model_validate(content)
+        return model.model_validate(content, context={"folder": path.parent})
     except pydantic.ValidationError as error:
         lines = []
         for detail in error.errors(include_url=False):
@@ -97,7 +111,7 @@ def _dotted(location: _Location) -> str:
     return f"{text}: " if text else ""
 
 
-def _sentence(detail: Any, model: type[Model]) -> str:
+def _sentence(detail: Any, model: type[pydantic.BaseModel]) -> str:
     kind, message, context = detail["type"], str(detail["msg"]), detail.get("ctx", {})
     if kind == "missing":
         return "missing"

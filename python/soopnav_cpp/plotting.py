@@ -14,46 +14,32 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import dsp, estimation, lte, simulation
-from soopnav_cpp._extras import require
+from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
+from soopnav_cpp._drawing import _figure as _figure
+from soopnav_cpp._drawing import _save as _save
+from soopnav_cpp._drawing import _style as _style
+from soopnav_cpp._run_figures import consistency, errors, innovations, rms, trajectory
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["ellipse_points", "position_map", "scan"]
+__all__ = [
+    "consistency",
+    "ellipse_points",
+    "errors",
+    "innovations",
+    "position_map",
+    "rms",
+    "scan",
+    "trajectory",
+]
 
-_COLOURS = ("#1b6ca8", "#d1495b", "#2e933c", "#8f5db7", "#e08e1b", "#00798c", "#7a5c45", "#5c677d")
-_INK, _PALE = "#22303c", "#c5ced6"
 _BASE_RATE_HZ = 1.92e6
 _HALF_FRAME = 9600  # samples at the base rate
 _MOST_HALF_FRAMES = 16
 _MOST_RESPONSES = 5
-
-
-def _figure(width_in: float, height_in: float) -> Figure:
-    figure_module = require("matplotlib.figure", "plot", "drawing")
-    agg = require("matplotlib.backends.backend_agg", "plot", "drawing")
-    figure = figure_module.Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
-    agg.FigureCanvasAgg(figure)
-    return figure  # type: ignore[no-any-return]
-
-
-def _style(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set_title(title, loc="left", fontsize=10.5, fontweight="bold", color=_INK)
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
-    axes.tick_params(labelsize=8, colors=_INK)
-    axes.grid(True, color=_PALE, linewidth=0.5, alpha=0.7)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-
-
-def _save(figure: Figure, path: str | os.PathLike[str] | None) -> Figure:
-    if path is not None:
-        figure.savefig(os.fspath(path), dpi=150)
-    return figure
 
 
 # ---- scan
@@ -336,14 +322,6 @@ def position_map(
     _draw_ellipse(figure.add_subplot(grid[0, 1]), axes, fix)
     _draw_residuals(figure.add_subplot(grid[1, 1]), fix, labels)
     return _save(figure, path)
-
-
-def ellipse_points(ellipse: estimation.ErrorEllipse) -> npt.NDArray[np.float64]:
-    """The curve about the origin, shape (n, 2)."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 181)
-    major, minor = ellipse.semi_major_m * np.cos(turn), ellipse.semi_minor_m * np.sin(turn)
-    c, s = math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)
-    return np.stack([c * major - s * minor, s * major + c * minor], axis=1)
 
 
 def _draw_ellipse(inset: Axes, axes: Axes, fix: PositionFix) -> None:

@@ -92,6 +92,7 @@ def cli() -> None:
       soopnav locate city.sigmf-meta --nodes nodes.toml
       soopnav synth lte city.toml city.sigmf-meta
       soopnav observe room.toml --out room.png
+      soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
     """
@@ -281,6 +282,72 @@ def observe(scenario: Path, as_json: bool, out: Path | None) -> None:
         return
     work.print_result(result, _stdout())
     click.echo(f"map: {picture}")
+
+
+@cli.command(short_help="Run a scenario: trajectory, metrics, figures, report.")
+@click.argument("scenario", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder of everything that is written.  [default: SCENARIO.run]",
+)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="In place of the scenario's seed.")
+@click.option("--runs", type=click.IntRange(min=1), metavar="N", help="In place of the scenario's number of runs.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes to spread runs over.  [default: one per processor]",
+)
+@click.option("--only", type=click.IntRange(min=1), metavar="K", help="Run number K of the Monte-Carlo alone.")
+@click.option("--list", "only_list", is_flag=True, help="Name the systems and run none.")
+@click.option("--schema", metavar="SYSTEM", help="Print every key of a system's scenarios and run none.")
+@click.option("--example", metavar="SYSTEM", help="Print a scenario to start from and run none.")
+@_sentences
+def run(
+    scenario: Path | None,
+    out: Path | None,
+    seed: int | None,
+    runs: int | None,
+    jobs: int | None,
+    only: int | None,
+    only_list: bool,
+    schema: str | None,
+    example: str | None,
+) -> None:
+    """Run the system that SCENARIO (TOML) names through what it describes.
+
+    Writes trajectory.tum, .csv, .geojson and, where the scenario has a place on the Earth, .nmea; states.npz,
+    metrics.json, runs.csv, figures, and report.html, which holds them all and stands alone.
+
+    With --runs it is a Monte-Carlo: run 1 leaves its trajectory, all of them their metrics. Results depend on the seed
+    alone, not on --jobs. Exit code 1 when a run failed.
+
+    \b
+      soopnav run --list
+      soopnav run --example SYSTEM > mine.toml
+      soopnav run mine.toml --runs 100 --jobs 4
+    """
+    from soopnav_cpp.cli import run as work
+    from soopnav_cpp.cli.reproduce import available_jobs
+
+    if only_list:
+        work.print_list(_stdout())
+        return
+    if schema is not None or example is not None:
+        click.echo(work.schema(schema) if schema is not None else work.example(example or ""), nl=False)
+        return
+    if scenario is None:
+        raise click.UsageError("Missing argument 'SCENARIO'; --list, --schema and --example need none.")
+    with progress() as step:
+        done = work.run(scenario, out, seed=seed, runs=runs, jobs=jobs or available_jobs(), only=only, step=step)
+    if done.sentence:
+        click.echo(done.sentence)
+    if done.report is not None:
+        click.echo(f"report: {done.report}")
+    if done.failed:
+        raise click.exceptions.Exit(1)
 
 
 @cli.command(short_help="Run the papers' experiments and check their claims.")

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 __all__ = ["Steps", "progress"]
 
@@ -17,6 +18,18 @@ class Steps(Protocol):
     """What a running command reports."""
 
     def __call__(self, description: str, *, done: int | None = None, total: int | None = None) -> None: ...
+
+
+class _TimeLeft(ProgressColumn):
+    """``3:20 left``, from the mean pace so far; nothing as long as there is none."""
+
+    def render(self, task: Task) -> Text:
+        if not task.total or not task.completed or task.elapsed is None:
+            return Text("")
+        left_s = round(task.elapsed / task.completed * (task.total - task.completed))
+        hours, minutes = divmod(left_s // 60, 60)
+        clock = f"{hours}:{minutes:02d}:{left_s % 60:02d}" if hours else f"{minutes}:{left_s % 60:02d}"
+        return Text(f"{clock} left")
 
 
 @contextmanager
@@ -31,6 +44,7 @@ def progress(*, after_s: float = 2.0, console: Console | None = None) -> Iterato
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),
+        _TimeLeft(),
         console=where,
         transient=True,
     )

@@ -1,4 +1,4 @@
-"""What ``soopnav locate`` and ``soopnav synth`` read: nodes files and LTE scenarios, TOML checked by pydantic."""
+"""What ``soopnav locate`` and ``soopnav synth`` read: nodes files and captures to be made, TOML checked by pydantic."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pydantic
 from pydantic import Field
 
 from soopnav_cpp.config import ConfigError, Model, Vector3, load_toml
+from soopnav_cpp.scenarios.base import Latitude, Longitude, Origin
 
 __all__ = [
     "CaptureSettings",
@@ -26,18 +27,8 @@ __all__ = [
     "load_nodes",
 ]
 
-Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
-Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
 CellId = Annotated[int, Field(ge=0, le=503)]
 Bandwidth = Literal[6, 15, 25, 50, 75, 100]
-
-
-class Origin(Model):
-    """Where local metres lie on the Earth (WGS-84, height above the ellipsoid)."""
-
-    latitude_deg: Latitude
-    longitude_deg: Longitude
-    height_m: float = 0.0
 
 
 class Node(Model):
