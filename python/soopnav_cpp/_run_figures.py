@@ -180,13 +180,13 @@ def _draw_track(axes: Axes, run: Any, right: Array | None, *, near: bool) -> Non
         label = "_"
 
 
-def _view(axes: Axes, points: Array, pad: float) -> None:
+def _view(axes: Axes, points: Array, pad: float, shape: float) -> None:
+    """Show these points, as far beyond them as the panel (its width over its height) reaches."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = pad * max(1.0, float((high - low).max()))
     axes.autoscale(False)
     centre, half = 0.5 * (low + high), 0.5 * (high - low) + margin
-    width, height = axes.get_figure().get_size_inches() / np.array([axes.get_gridspec().ncols, 1.0])
-    half = np.maximum(half, half[::-1] * np.array([width / height, height / width]))  # as the panel is shaped
+    half = np.maximum(half, half[::-1] * np.array([shape, 1.0 / shape]))
     axes.set_xlim(centre[0] - half[0], centre[0] + half[0])
     axes.set_ylim(centre[1] - half[1], centre[1] + half[1])
     axes.set_aspect("equal", adjustable="box")
@@ -221,19 +221,21 @@ def trajectory(run: Any, truth: Any = None, *, title: str = "", path: Path | Non
     near = np.vstack(tracks)
     everything = np.vstack([near, *(place[None] for place in sources.values())])
     both = bool(sources) and _extent(everything)[1] > 1.6 * _extent(near)[1]
-    figure = _figure(12.4 if both else 8.4, 6.6)
+    width_in, height_in = (12.4 if both else 8.4), 6.6
+    shape = width_in / (2.0 if both else 1.0) / height_in
+    figure = _figure(width_in, height_in)
     _title(figure, title)
     axes = figure.add_subplot(1, 2 if both else 1, 1)
     _style(axes, "Track", *labels)
     _draw_track(axes, run, right, near=True)
-    _view(axes, near if both else everything, 0.10)
+    _view(axes, near if both else everything, 0.10, shape)
     _legend(axes)
     if sources:
         if both:
             axes = figure.add_subplot(1, 2, 2)
             _style(axes, "Among its sources", *labels)
             _draw_track(axes, run, right, near=False)
-            _view(axes, everything, 0.12)
+            _view(axes, everything, 0.12, shape)
         for name, place in sources.items():
             axes.plot(*place, "^", color=_COLOURS[5], markersize=11, markeredgecolor="white", zorder=3)
             axes.annotate(

@@ -166,7 +166,7 @@ class Updates:
         names = tuple(self.source_names) or tuple(f"source {i + 1}" for i in range(int(source.max(initial=-1)) + 1))
         if m and source.max() >= len(names):
             raise ValueError(f"source: {source.max()} among {len(names)} source_names")
-        words = [_status_word(value) for value in np.asarray(self.status).ravel().tolist()]
+        words = [_status_word(value) for value in self.status]
         if len(words) != m:
             raise ValueError(f"status: expected {m}, got {len(words)}")
         _set(self, "source", source.astype(np.int64))
