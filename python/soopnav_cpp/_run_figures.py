@@ -376,6 +376,14 @@ def _limit(axes: Axes, values: Array, bound: float) -> None:
         axes.set_ylim(0.0, 1.25 * max(top, bound))
 
 
+def _reach(accepted: Array, sigma: Array, gate: Array | None) -> float:
+    """How far a panel of innovations goes: what went in, three standard deviations, and the gate but for its start."""
+    sizes = [np.abs(accepted), 3.0 * sigma[np.isfinite(sigma)][-1:]]
+    if gate is not None and np.isfinite(gate).any():
+        sizes.append(1.2 * np.percentile(gate[np.isfinite(gate)], [90.0]))
+    return max(1e-9, float(np.max(np.concatenate(sizes), initial=0.0)))
+
+
 def innovations(updates: Any, *, title: str = "", path: Path | None = None) -> Figure:
     """Draw every source's innovations with what the filter expected, its gates, and what was refused.
 
@@ -408,6 +416,7 @@ def innovations(updates: Any, *, title: str = "", path: Path | None = None) -> F
         time, value, status = updates.t_s[mine], updates.innovation[mine], updates.status[mine]
         sigma = np.sqrt(np.maximum(updates.variance[mine], 0.0))
         gate = None if updates.gate is None else updates.gate[mine]
+        reach = _reach(value[status == "accepted"], sigma, gate)
         axes.fill_between(time, -sigma, sigma, color=_COLOURS[0], alpha=0.15, linewidth=0, label="±1σ expected")
         if gate is not None:
             for sign in (-1.0, 1.0):
@@ -415,14 +424,19 @@ def innovations(updates: Any, *, title: str = "", path: Path | None = None) -> F
                 axes.plot(time, sign * gate, color=_INK, linewidth=0.8, linestyle=_DASHED, label=name)
         good = status == "accepted"
         axes.plot(time[good], value[good], ".", color=_COLOURS[0], markersize=3.5, label="accepted")
-        if np.any(~good):
-            axes.plot(time[~good], value[~good], "x", color=_BAD, markersize=6, label="refused")
+        bad = ~good & (np.abs(value) <= reach)
+        if np.any(bad):
+            axes.plot(time[bad], value[bad], "x", color=_BAD, markersize=6, label="refused")
+        name = "refused, further out"
+        for sign, mark in ((1.0, "^"), (-1.0, "v")):
+            out = ~good & (sign * value > reach)
+            if np.any(out):
+                axes.plot(time[out], np.full(out.sum(), sign * reach), mark, color=_BAD, markersize=5, label=name)
+                name = "_"
         axes.axhline(0.0, color=_PALE, linewidth=0.6, zorder=0)
-        typical = float(np.nanmax(sigma)) if sigma.size else 0.0
-        if value.size and np.isfinite(typical) and np.abs(value).max() > 25.0 * typical > 0.0:
-            axes.set_yscale("symlog", linthresh=3.0 * typical)
+        axes.set_ylim(-1.08 * reach, (1.45 if place == 0 else 1.08) * reach)  # room for the legend
         name = f"{updates.source_names[source]}: {value.size} measured, {int((~good).sum())} refused"
         _style(axes, name, "time [s]" if place >= len(used) - columns else "", f"innovation [{unit}]")
         if place == 0:
-            _legend(axes, "upper right", 4)
+            _legend(axes, "upper right", 5)
     return _save(figure, path)

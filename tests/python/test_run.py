@@ -19,7 +19,7 @@ import soopnav_cpp as sn
 from soopnav_cpp import scenarios
 from soopnav_cpp.cli.app import cli
 from soopnav_cpp.cli.progress import _TimeLeft
-from soopnav_cpp.scenarios import SystemRun, Truth, Updates, execution, writers
+from soopnav_cpp.scenarios import SystemRun, Truth, Updates, execution, registry, report, writers
 
 pytest.importorskip("matplotlib")
 pytestmark = pytest.mark.unit
@@ -402,6 +402,27 @@ def test_without_an_origin_there_is_no_place_on_the_earth(tmp_path, done):
     assert "NIS of accepted measurements" in text
 
 
+# ---- the guide
+
+
+def test_the_guide_adds_a_system(tmp_path, monkeypatch):
+    mine = registry.Systems()
+    monkeypatch.setattr(registry, "SYSTEMS", mine)
+    guide = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    [snippet] = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
+    [toml] = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)
+    exec(compile(snippet, "docs/scenarios.md", "exec"), {"__name__": "walker"})
+    (tmp_path / "walk.toml").write_text(toml)
+    system, scenario = scenarios.load(tmp_path / "walk.toml", runs=30)
+    results = report.results_of(tmp_path / "walk.toml", system, scenario, execution.execute(system, scenario))
+    pooled = results.pooled
+    assert pooled["nees"]["inside"]
+    assert pooled["coverage"]["1_sigma"]["inside"]
+    assert pooled["position"]["rmse_m"] < 0.75 * pooled["baselines"]["fixes alone"]["rmse_m"]
+    for name in scenarios.Scenario.model_fields:
+        assert f"`{name}`" in guide
+
+
 # ---- other shapes of runs
 
 
@@ -563,6 +584,9 @@ def test_innovations_tell_what_was_refused():
     figure = sn.plotting.innovations(given)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles == ["A: 3 measured, 1 refused", "B: 2 measured, 0 refused"]
-    assert figure.axes[0].get_yscale() == "symlog"
+    marks = {line.get_label(): line for line in figure.axes[0].get_lines()}
+    beyond = marks["refused, further out"]
+    assert beyond.get_xdata().tolist() == [2.0]
+    assert 1.0 < beyond.get_ydata()[0] <= figure.axes[0].get_ylim()[1]  # at the edge, not 900 m away
     nothing = Updates(t_s=[], source=[], innovation=[], variance=[], status=[])
     assert "no measurement" in [text.get_text() for text in sn.plotting.innovations(nothing).axes[0].texts]

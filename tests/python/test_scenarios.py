@@ -1,6 +1,7 @@
 """Scenarios: how they are loaded, refused, run and measured."""
 
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -345,6 +346,7 @@ def test_metrics_are_what_numpy_makes_of_the_errors(dim):
         assert row["expected"] == pytest.approx(scipy.stats.chi2.cdf(k * k, 1))
     assert found["stated_sigma_m"]["rms"] == pytest.approx(np.sqrt(np.trace(P)))
     assert found["baselines"]["INS alone"]["rmse_m"] == pytest.approx(3.0 * position["rmse_m"])
+    assert found["baselines"]["INS alone"]["cep50_m"] == pytest.approx(3.0 * position["cep50_m"])
     assert found["baselines"]["INS alone"]["final_m"] == pytest.approx(3.0 * position["final_m"])
 
 
@@ -478,6 +480,10 @@ def test_a_run_that_fails_does_not_take_the_others_with_it(path):
     results = report.results_of(path, system, failing, outcomes)
     assert results.number == 2
     assert len(results.each) == 4
+    assert "too sure of itself" not in report.verdict(results)
+    doubting = failing.model_copy(update={"stated_sigma_m": 0.5})
+    verdict = report.verdict(report.results_of(path, system, doubting, execution.execute(system, doubting)))
+    assert re.search(r"the filter is too sure of itself \(NEES \d+\.\d\d, 2 expected\)", verdict)
     assert "2 of 6 runs failed" in report.verdict(results)
     everything = failing.model_copy(update={"runs": 1})
     assert report.results_of(path, system, everything, execution.execute(system, everything)) is None

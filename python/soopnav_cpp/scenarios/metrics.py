@@ -42,8 +42,7 @@ class Series:
     heading_error_rad : ndarray, shape (n,), or None
     nees, state_nees : ndarray, shape (n,), or None
         Of the position, and of the whole state of `state_dim` components; NaN where the covariance is singular.
-    baseline_error_m : dict of str to ndarray, shape (n,)
-        Distances from the truth.
+    baseline_error_m : dict of str to ndarray, shape (n, d)
     updates : Updates or None
     start_s : float
         Metrics count from here.
@@ -109,10 +108,7 @@ def evaluate(run: SystemRun, *, start_s: float = 0.0) -> Series:
             angles = [i for i, name in enumerate(run.state_names) if name.endswith("_rad")]
             difference[:, angles] = wrapped(difference[:, angles])
             state_nees = estimation.nees(difference, run.covariance)
-        baselines = {
-            name: np.asarray(np.linalg.norm(position - truth.position_m, axis=1))
-            for name, position in run.baselines.items()
-        }
+        baselines = {name: position - truth.position_m for name, position in run.baselines.items()}
     return Series(
         run.t_s,
         sigma,
@@ -145,11 +141,13 @@ def _stack(series: Sequence[Series], name: str) -> Array | None:
     return np.concatenate([part[one.counted] for one, part in zip(series, parts, strict=True)])
 
 
-def _position(series: Sequence[Series], error: Array) -> dict[str, Any]:
+def _position(series: Sequence[Series], errors: Sequence[Array]) -> dict[str, Any]:
+    """Accuracy of the errors of each run."""
+    error = np.concatenate([mine[one.counted] for one, mine in zip(series, errors, strict=True)])
     distance = np.linalg.norm(error, axis=1)
     times = np.concatenate([one.t_s[one.counted] for one in series])
     worst = int(np.argmax(distance))
-    ends = np.array([np.linalg.norm(one.error_m[-1]) for one in series if one.error_m is not None])
+    ends = np.array([np.linalg.norm(mine[-1]) for mine in errors])
     return {
         "rmse_m": _rms(distance),
         "rmse_axes_m": [float(v) for v in estimation.rmse(error)],
@@ -258,15 +256,12 @@ def measure(series: Sequence[Series]) -> dict[str, Any]:
     baselines = {}
     for name in series[0].baseline_error_m:
         mine = [one for one in series if name in one.baseline_error_m]
-        distance = np.concatenate([one.baseline_error_m[name][one.counted] for one in mine])
-        baselines[name] = {
-            "rmse_m": _rms(distance),
-            "max_m": float(distance.max()),
-            "final_m": _rms(np.array([one.baseline_error_m[name][-1] for one in mine])),
-        }
+        baselines[name] = _position(mine, [one.baseline_error_m[name] for one in mine])
     return {
         "epochs": len(sigma),
-        "position": None if error is None else _position(series, error),
+        "position": None
+        if error is None
+        else _position(series, [one.error_m for one in series if one.error_m is not None]),
         "stated_sigma_m": {
             "rms": _rms(np.linalg.norm(sigma, axis=1)),
             "final": _rms(np.array([np.linalg.norm(one.sigma_m[-1]) for one in series])),
@@ -308,6 +303,6 @@ def series_over_runs(series: Sequence[Series]) -> dict[str, Array] | None:
     }
     for name in first.baseline_error_m:
         if all(name in one.baseline_error_m for one in series):
-            square = np.mean([np.square(one.baseline_error_m[name]) for one in series], axis=0)
+            square = np.mean([np.sum(np.square(one.baseline_error_m[name]), axis=1) for one in series], axis=0)
             curves[f"rms_m:{name}"] = np.sqrt(square)
     return curves

@@ -22,7 +22,7 @@ from soopnav_cpp.scenarios.metrics import Series, measure, series_over_runs
 
 __all__ = ["Results", "results_of", "verdict", "write"]
 
-_MOST_ROWS = 50  # of the table of runs
+_MOST_ROWS = 20  # of the table of runs
 _MINUS = "\N{MINUS SIGN}"
 
 
@@ -115,6 +115,10 @@ def verdict(results: Results) -> str:
         nis = pooled["nis"]
         if nis is not None and nis["mean"] is not None:
             parts.append(f"mean NIS {nis['mean']:.2f} (1 expected)")
+    nees = pooled["nees"]
+    if nees is not None and nees["mean"] is not None and not nees["inside"]:
+        how = "too sure of itself" if nees["mean"] > nees["bounds"][1] else "too careful"
+        parts.append(f"the filter is {how} (NEES {nees['mean']:.2f}, {nees['expected']} expected)")
     counts = pooled["measurements"]
     if counts["offered"]:
         parts.append(f"{counts['rejected']} of {counts['offered']} measurements rejected")
@@ -274,7 +278,7 @@ def _accuracy(results: Results) -> str:
     keys = ["rmse_m", "horizontal_rmse_m", "cep50_m", "cep95_m", "max_m", "final_m"]
     lines: list[tuple[str, list[str]]] = [("", [results.system.name, *(_length(position[key]) for key in keys)])]
     for name, row in pooled["baselines"].items():
-        cells = [_length(row.get(key)) for key in keys]
+        cells = [_length(row[key]) for key in keys]
         lines.append(("", [name, *cells]))
     text = _table(["position error", *names], lines)
     more = [f"RMS by axis {', '.join(_length(v) for v in position['rmse_axes_m'])}"]
@@ -312,7 +316,7 @@ def _consistency(results: Results) -> str:
         return "<p>Nothing to judge it by: neither a truth nor measurements.</p>"
     runs = len(results.each)
     return (
-        _table(["quantity", "mean", "expected", "99 % bounds", "inside"], rows)
+        _table(["quantity", "found", "expected", "99 % bounds", "inside"], rows)
         + f"<p>Bounds of coverage and NEES are those of {runs} independent epoch{'s' * (runs != 1)}, one per run: the "
         "epochs of a run hang together. Being outside them means something; being inside a wide bound means little.</p>"
     )
