@@ -79,7 +79,7 @@ class SpeedProfile {
     length_.assign(n + 1, 0.0);
     curvature_.assign(n + 1, 0.0);
     for (std::size_t i = 0; i <= n; ++i) {
-      const std::size_t piece = std::min(i / kCells, way.pieces() - 1);
+      const std::size_t piece = i == 0 ? 0 : (i - 1) / kCells;  // that the cell before belongs to
       const double along = static_cast<double>(i - piece * kCells) / static_cast<double>(kCells);
       const double width = way.knot(piece + 1) - way.knot(piece);
       const double u = way.knot(piece) + along * width;
