@@ -6,6 +6,7 @@ namespace py = pybind11;
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which document it.";
+  auto clock = m.def_submodule("clock", "Oscillators, their deviations, fits to records.");
   auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
@@ -14,6 +15,7 @@ PYBIND11_MODULE(_core, m) {
   auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
+  soopnav::python::register_clock(clock);
   soopnav::python::register_dsp(dsp);
   soopnav::python::register_measurement(measurement);
   soopnav::python::register_process(process);
@@ -29,6 +31,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_lte(lte);
   soopnav::python::register_simulation(simulation);
+  soopnav::python::register_trajectory(simulation);
   soopnav::python::register_navigation(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
 }

@@ -6,6 +6,7 @@
 namespace soopnav::python {
 
 void register_adaptive_noise(pybind11::module_& module);
+void register_clock(pybind11::module_& module);
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
 void register_estimation_bounds(pybind11::module_& module);
@@ -22,5 +23,6 @@ void register_ofdm_inertial(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);
+void register_trajectory(pybind11::module_& module);
 
 }  // namespace soopnav::python
