@@ -9,9 +9,10 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.estimation`  filters, smoothers, bounds
 `soopnav_cpp.measurement`  measurement models for filters
 `soopnav_cpp.process`   process models for filters
+`soopnav_cpp.clock`     oscillators, Allan deviations, fits
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
-`soopnav_cpp.simulation`  channels: noise, carrier offset, clock error, path loss
+`soopnav_cpp.simulation`  channels, planar trajectories and inertial units
 `soopnav_cpp.plotting`  figures
 ======================  ===========================================================
 
@@ -21,9 +22,22 @@ Samples are ``complex64``, estimates ``float64``; units are in the names.
 from importlib.metadata import PackageNotFoundError as _PackageNotFoundError
 from importlib.metadata import version as _version
 
-from soopnav_cpp import dsp, estimation, geometry, io, lte, measurement, navigation, plotting, process, simulation
+from soopnav_cpp import (
+    clock,
+    dsp,
+    estimation,
+    geometry,
+    io,
+    lte,
+    measurement,
+    navigation,
+    plotting,
+    process,
+    simulation,
+)
 
 __all__ = [
+    "clock",
     "dsp",
     "estimation",
     "geometry",

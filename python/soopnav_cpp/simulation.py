@@ -1,4 +1,5 @@
 """What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss.
+And to a receiver: planar trajectories and what an inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.
@@ -12,8 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._core import simulation as _simulation
+from soopnav_cpp._core.simulation import ImuErrorModel, SensorErrorModel
+from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
 __all__ = [
+    "ImuErrorModel",
+    "PlanarImuSeries",
+    "PlanarMotion",
+    "PlanarTrajectory",
+    "SensorErrorModel",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",

@@ -3,6 +3,7 @@ The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which
 """
 
 from __future__ import annotations
+from . import clock
 from . import dsp
 from . import estimation
 from . import geometry
@@ -12,4 +13,14 @@ from . import process
 from . import simulation
 from . import navigation
 
-__all__: list[str] = ["dsp", "estimation", "geometry", "lte", "measurement", "navigation", "process", "simulation"]
+__all__: list[str] = [
+    "clock",
+    "dsp",
+    "estimation",
+    "geometry",
+    "lte",
+    "measurement",
+    "navigation",
+    "process",
+    "simulation",
+]

@@ -9,6 +9,9 @@ import numpy.typing
 import typing
 
 __all__: list[str] = [
+    "ImuErrorModel",
+    "PlanarTrajectory",
+    "SensorErrorModel",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",
@@ -21,6 +24,188 @@ __all__: list[str] = [
     "noise_variance_for_snr",
     "thermal_noise_dbm",
 ]
+
+class SensorErrorModel:
+    """
+    Errors of a sensor's equal axes; all zero by default. Unit: rad/s or m/s².
+    """
+    def __eq__(self, arg0: SensorErrorModel) -> bool: ...
+    def __getstate__(self) -> tuple: ...
+    def __hash__(self) -> int: ...
+    def __init__(
+        self,
+        *,
+        sample_sigma: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        white_density: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        turn_on_sigma: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        bias_walk_density: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        markov_sigma: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        markov_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        scale_sigma: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        misalignment_sigma: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        saturation: typing.SupportsFloat | typing.SupportsIndex = ...,
+        quantum: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None:
+        """
+        White noise of each sample and by density [unit/√Hz], bias at start, its walk [unit/√s], a Gauss-Markov bias, relative scale, small angles [rad], largest reading and converter step.
+        """
+    def __repr__(self) -> str: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
+    @property
+    def bias_walk_density(self) -> float: ...
+    @property
+    def markov_sigma(self) -> float: ...
+    @property
+    def markov_time_s(self) -> float: ...
+    @property
+    def misalignment_sigma(self) -> float: ...
+    @property
+    def quantum(self) -> float: ...
+    @property
+    def sample_sigma(self) -> float: ...
+    @property
+    def saturation(self) -> float: ...
+    @property
+    def scale_sigma(self) -> float: ...
+    @property
+    def turn_on_sigma(self) -> float: ...
+    @property
+    def white_density(self) -> float: ...
+
+class ImuErrorModel:
+    """
+    Errors of a unit's gyros [rad/s] and accelerometers [m/s²].
+    """
+    @staticmethod
+    def consumer() -> ImuErrorModel:
+        """
+        200 µg/√Hz, 0.01 °/s/√Hz; biases 5 mg, 50 °/h.
+        """
+    @staticmethod
+    def crosby() -> ImuErrorModel:
+        """
+        White, 0.1 rad/s and 0.1 m/s² per sample (crosby section 4.1).
+        """
+    @staticmethod
+    def industrial() -> ImuErrorModel:
+        """
+        60 µg/√Hz, 0.15 °/√h; biases 0.5 mg, 5 °/h.
+        """
+    @staticmethod
+    def tactical() -> ImuErrorModel:
+        """
+        30 µg/√Hz, 0.05 °/√h; biases 0.3 mg, 1 °/h.
+        """
+    def __eq__(self, arg0: ImuErrorModel) -> bool: ...
+    def __getstate__(self) -> tuple[tuple, tuple]: ...
+    def __hash__(self) -> int: ...
+    def __init__(self, gyro: SensorErrorModel = ..., accelerometer: SensorErrorModel = ...) -> None:
+        """
+        Perfect by default.
+        """
+    def __repr__(self) -> str: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
+    def apply(
+        self,
+        rate_radps: numpy.typing.ArrayLike,
+        force_mps2: numpy.typing.ArrayLike,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> tuple:
+        """
+        What a unit with these errors says of true rows: (rates, forces, whether saturated). Shapes (n, 3) and (n, 3) in space, (n, 1) and (n, 2) in the plane.
+        """
+    @property
+    def accelerometer(self) -> SensorErrorModel: ...
+    @property
+    def gyro(self) -> SensorErrorModel: ...
+
+class PlanarTrajectory:
+    """
+    A planar trajectory; made by the functions of soopnav_cpp.simulation.
+    """
+    @staticmethod
+    def continuous_turn(
+        *,
+        duration_s: typing.SupportsFloat | typing.SupportsIndex,
+        speed_mps: typing.SupportsFloat | typing.SupportsIndex,
+        ramp_s: typing.SupportsFloat | typing.SupportsIndex,
+        turn_rate_radps: typing.SupportsFloat | typing.SupportsIndex,
+        turn_amplitude_radps: typing.SupportsFloat | typing.SupportsIndex,
+        turn_period_s: typing.SupportsFloat | typing.SupportsIndex,
+        heading_rad: typing.SupportsFloat | typing.SupportsIndex,
+        position_m: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> PlanarTrajectory:
+        """
+        From rest into a turn that never settles.
+        """
+    @staticmethod
+    def from_profiles(
+        yaw_rate_radps: numpy.typing.ArrayLike,
+        specific_force_b_mps2: numpy.typing.ArrayLike,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        heading_rad: typing.SupportsFloat | typing.SupportsIndex,
+        velocity_mps: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+        position_m: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+    ) -> PlanarTrajectory:
+        """
+        Profiles integrated by trapezoids.
+        """
+    @staticmethod
+    def through(
+        waypoints_m: numpy.typing.ArrayLike,
+        *,
+        speed_mps: typing.SupportsFloat | typing.SupportsIndex,
+        acceleration_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        lateral_acceleration_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        smoothing_s: typing.SupportsFloat | typing.SupportsIndex,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> PlanarTrajectory:
+        """
+        From rest to rest along a smooth way.
+        """
+    def at(self, t_s: numpy.typing.ArrayLike) -> tuple:
+        """
+        (heading, velocity, position, yaw rate, specific force) at times.
+        """
+    def imu(
+        self,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        errors: ImuErrorModel,
+        sampling: str,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple:
+        """
+        (t_s, yaw rate, specific force, whether saturated) of a simulated unit.
+        """
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def heading_rad(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def position_m(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def specific_force_b_mps2(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def t_s(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def yaw_rate_radps(self) -> numpy.typing.NDArray[numpy.float64]: ...
 
 def add_awgn(
     iq: numpy.typing.NDArray[numpy.complex64],
