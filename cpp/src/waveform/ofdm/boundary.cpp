@@ -1,0 +1,368 @@
+#include "soopnav/waveform/ofdm/boundary.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "soopnav/core/constants.hpp"
+#include "waveform/ofdm/kernels.hpp"
+#include "waveform/ofdm/profile.hpp"
+#include "waveform/ofdm/require.hpp"
+
+namespace soopnav::ofdm {
+namespace {
+
+constexpr int kFractions = 64;
+constexpr int kCoarseStep = 4;
+constexpr int kCoarse = kFractions / kCoarseStep;
+constexpr int kMaxPeriod = 256;
+constexpr double kMinSnrDb = -60.0;
+constexpr double kMaxSnrDb = 100.0;
+constexpr double kLevelLowDb = -14.0;
+constexpr double kLevelStepDb = 2.0;
+constexpr int kLevels = 33;  // up to 50 dB, which also stands for no noise
+constexpr double kMaxRho = 1.0 - 1e-5;
+constexpr double kMinRho = 0.02;
+constexpr std::size_t kInflationFractions = 4;  // at 1/16, 3/16, 5/16, 7/16; symmetric about 1/2
+constexpr double kWideBelowRho = 0.66;          // 3 dB
+
+double share_of(double snr_db) noexcept {
+  const double ratio = std::pow(10.0, 0.1 * snr_db);
+  return ratio / (1.0 + ratio);
+}
+
+double snr_db_of(double rho) noexcept { return 10.0 * std::log10(rho / (1.0 - rho)); }
+
+void require_snr(double snr_db) {
+  require(snr_db >= kMinSnrDb && snr_db <= kMaxSnrDb, "snr_db", snr_db, "it must lie between -60 and 100");
+}
+
+double wrapped(double value, double period) noexcept {
+  const double r = value - period * std::floor(value / period);
+  return r < period ? r : 0.0;
+}
+
+// Variance of a top that is one of M / v unrelated windows when the right one does not stand out (doc/ofdm.md eq. 6).
+double variance_of_wrong_tops(double rho, double pairs, double period, double window) noexcept {
+  const double wrong = std::min(1.0, period / window * std::exp(-rho * rho * pairs));
+  return wrong * period * period / 12.0;
+}
+
+}  // namespace
+
+// Weights of the log-likelihood by noise level and fraction: -sum difference e + product F, and its constant.
+struct BoundaryEstimator::Tables {
+  std::size_t period = 0;
+  std::size_t stride = 0;
+  std::size_t inner_begin = 0, inner_end = 0;
+  std::vector<double> rho;                             // by level
+  std::vector<float> difference, product;              // [level][fraction][stride]
+  std::vector<double> constant;                        // [level][fraction]
+  std::vector<double> information;                     // [level][fraction], per symbol
+  std::vector<double> inflation;                       // [level][kInflationFractions]
+  std::array<double, kFractions> inner_correlation{};  // mean of b over the inner window
+  std::vector<float> apart, cross;                     // folded, from one sample before the top - 3 on
+  std::array<double, kFractions * 8 / kCoarseStep> log_likelihood{};
+  std::vector<double> cyclic_e, cyclic_f;
+
+  Tables(const Numerology& numerology, double symbols, std::optional<double> snr_db)
+      : period(static_cast<std::size_t>(numerology.symbol_samples())), stride((period + 7) / 8 * 8) {
+    const auto prefix = static_cast<std::size_t>(numerology.prefix);
+    const std::size_t margin = prefix >= 6 ? 2 : 0;
+    inner_begin = margin;
+    inner_end = prefix - margin;
+    if (snr_db) {
+      rho.push_back(std::clamp(share_of(*snr_db), kMinRho, kMaxRho));
+    } else {
+      for (int level = 0; level < kLevels; ++level) {
+        rho.push_back(std::min(kMaxRho, share_of(kLevelLowDb + kLevelStepDb * level)));
+      }
+    }
+    std::vector<double> b(kFractions * period), slope(kFractions * period);
+    for (std::size_t f = 0; f < kFractions; ++f) {
+      for (std::size_t i = 0; i < period; ++i) {
+        const double at = static_cast<double>(i) - static_cast<double>(f) / kFractions;
+        b[f * period + i] = prefix_correlation(numerology, at);
+        slope[f * period + i] = prefix_correlation_slope(numerology, at);
+      }
+      double sum = 0.0;
+      for (std::size_t i = inner_begin; i < inner_end; ++i) sum += b[f * period + i];
+      inner_correlation[f] = sum / static_cast<double>(inner_end - inner_begin);
+    }
+    const std::size_t levels = rho.size();
+    difference.resize(levels * kFractions * stride);
+    product.resize(levels * kFractions * stride);
+    constant.resize(levels * kFractions);
+    information.resize(levels * kFractions);
+    inflation.resize(levels * kInflationFractions);
+    for (std::size_t level = 0; level < levels; ++level) {
+      for (std::size_t f = 0; f < kFractions; ++f) {
+        double product_of = 1.0, log_sum = 0.0, info = 0.0;
+        for (std::size_t i = 0; i < period; ++i) {
+          const double r = rho[level] * b[f * period + i];
+          const double dr = rho[level] * slope[f * period + i];
+          const double a = 1.0 - r * r;
+          const std::size_t at = (level * kFractions + f) * stride + i;
+          difference[at] = static_cast<float>(1.0 / a);
+          product[at] = static_cast<float>(2.0 / (1.0 + r));
+          info += 2.0 * dr * dr * (1.0 + r * r) / (a * a);
+          product_of *= a;
+          if (i % 16 == 15 || i + 1 == period) {
+            log_sum += std::log(product_of);
+            product_of = 1.0;
+          }
+        }
+        constant[level * kFractions + f] = -symbols * log_sum;
+        information[level * kFractions + f] = info;
+      }
+    }
+    std::vector<double> by_level(levels);
+    for (std::size_t f = 0; f < kInflationFractions; ++f) {
+      score_inflation(numerology, (static_cast<double>(f) + 0.5) / 8.0, rho.data(), levels, by_level.data());
+      for (std::size_t level = 0; level < levels; ++level) {
+        inflation[level * kInflationFractions + f] = std::max(1.0, by_level[level]);
+      }
+    }
+    apart.resize(2 * period + stride);
+    cross.resize(2 * period + stride);
+    cyclic_e.resize(period);
+    cyclic_f.resize(period);
+  }
+
+  [[nodiscard]] std::size_t level_of(double share) const noexcept {
+    if (rho.size() == 1) return 0;
+    const auto above = std::lower_bound(rho.begin(), rho.end(), share);
+    if (above == rho.end()) return rho.size() - 1;
+    const auto i = static_cast<std::size_t>(above - rho.begin());
+    return i > 0 && share - rho[i - 1] < rho[i] - share ? i - 1 : i;
+  }
+
+  /// Of a boundary `offset` samples (from -3) and `fraction` / 64 after the top.
+  [[nodiscard]] double likelihood(std::size_t level, int offset, std::size_t fraction) const noexcept {
+    const std::size_t row = level * kFractions + fraction;
+    const auto from = static_cast<std::size_t>(offset + static_cast<int>(period));
+    return constant[row] - static_cast<double>(kernels::dot2(&difference[row * stride], &apart[from],
+                                                             &product[row * stride], &cross[from], stride));
+  }
+
+  /// Mean over the neighbouring fractions' inflations, symmetric about 1/2.
+  [[nodiscard]] double inflation_at(std::size_t level, std::size_t fraction) const noexcept {
+    const double folded = std::abs(static_cast<double>(fraction) / kFractions - 0.5);  // 0 at 1/2
+    const double at = std::clamp((0.5 - folded) * 8.0 - 0.5, 0.0, static_cast<double>(kInflationFractions - 1));
+    const auto low = std::min(static_cast<std::size_t>(at), kInflationFractions - 2);
+    const double part = at - static_cast<double>(low);
+    const double* row = &inflation[level * kInflationFractions];
+    return (1.0 - part) * row[low] + part * row[low + 1];
+  }
+};
+
+BoundaryEstimator::BoundaryEstimator(const Numerology& numerology, int symbols, int oversampling,
+                                     const BoundaryOptions& options)
+    : options_(options), correlator_(numerology, symbols, oversampling), offset_(0.5 * (1 - oversampling)) {
+  require(options.method == BoundaryMethod::kNearestSample || options.method == BoundaryMethod::kMaximumLikelihood ||
+              options.method == BoundaryMethod::kInterpolated,
+          "method", static_cast<int>(options.method), "it must be one of BoundaryMethod");
+  if (options.snr_db) {
+    require_snr(*options.snr_db);
+    known_rho_ = share_of(*options.snr_db);
+  }
+  if (options.method == BoundaryMethod::kInterpolated) {
+    require(oversampling == 1, "oversampling", oversampling, "it must be 1 for interpolated boundaries");
+    require(numerology.symbol_samples() <= kMaxPeriod, "subcarriers + prefix", numerology.symbol_samples(),
+            "it must be at most 256 for interpolated boundaries");
+    tables_ = std::make_unique<Tables>(numerology, static_cast<double>(symbols), options.snr_db);
+  }
+}
+
+BoundaryEstimator::~BoundaryEstimator() = default;
+BoundaryEstimator::BoundaryEstimator(BoundaryEstimator&&) noexcept = default;
+BoundaryEstimator& BoundaryEstimator::operator=(BoundaryEstimator&&) noexcept = default;
+
+Boundary BoundaryEstimator::estimate(IqSpan iq) noexcept {
+  Boundary out;
+  out.status = correlator_.fold(iq, true);
+  if (out.status != BoundaryStatus::kOk) return out;
+  const auto gamma = correlator_.gamma();
+  const auto energies = correlator_.energies();
+  std::size_t top = 0;
+  const bool magnitude = options_.method != BoundaryMethod::kNearestSample;
+  double best = -std::numeric_limits<double>::infinity();
+  for (std::size_t m = 0; m < gamma.size(); ++m) {
+    const double value = magnitude ? std::norm(gamma[m]) : gamma[m].real();
+    if (value > best) {
+      best = value;
+      top = m;
+    }
+  }
+  const auto energy_of = [&](std::size_t m) {  // 2 Phi(m)
+    double sum = 0.0;
+    for (std::size_t i = m; i < m + correlator_.window(); ++i) sum += energies[i];
+    return sum;
+  };
+  if (options_.method == BoundaryMethod::kMaximumLikelihood) {
+    const double rho = known_rho_ > 0.0 ? known_rho_ : 2.0 * std::abs(gamma[top]) / energy_of(top);
+    best = -std::numeric_limits<double>::infinity();
+    double energy = energy_of(0);
+    for (std::size_t m = 0; m < gamma.size(); ++m) {
+      const double value = std::abs(gamma[m]) - 0.5 * rho * energy;
+      if (value > best) {
+        best = value;
+        top = m;
+      }
+      if (m + 1 < gamma.size()) energy += energies[m + correlator_.window()] - energies[m];
+    }
+  }
+  const double energy = energy_of(top);
+  phase_ = std::arg(gamma[top]);
+  out = whole(top, phase_, energy > 0.0 ? 2.0 * std::abs(gamma[top]) / energy : 0.0);
+  if (tables_) interpolate(top, phase_, out);
+  const double sample_m = kSpeedOfLightMps / correlator_.sample_rate_hz();
+  out.boundary_m = wrapped((out.boundary_samples - offset_) * sample_m, correlator_.numerology().ambiguity_m());
+  out.sigma_m = out.sigma_samples * sample_m;
+  return out;
+}
+
+Boundary BoundaryEstimator::whole(std::size_t top, double phase, double metric) const noexcept {
+  Boundary out;
+  out.status = BoundaryStatus::kOk;
+  out.boundary_samples = static_cast<double>(top);
+  out.cfo_hz = -phase * correlator_.sample_rate_hz() / (kTwoPi * static_cast<double>(correlator_.lag()));
+  out.metric = std::min(metric, 1.0);
+  const double rho = known_rho_ > 0.0 ? known_rho_ : std::clamp(out.metric, 1e-6, 1.0 - 1e-10);
+  out.snr_db = snr_db_of(rho);
+  const auto symbols = static_cast<double>(correlator_.symbols());
+  const auto period = static_cast<double>(correlator_.period());
+  const auto window = static_cast<double>(correlator_.window());
+  // Quantisation; between the samples of an oversampled signal, as much again from its own shape (measured); noise, the
+  // top of a random walk beside two slopes (doc/ofdm.md eq. 5).
+  const double walk = (1.0 + 0.5 * rho * rho) / (rho * rho * symbols);
+  const double variance = (correlator_.oversampling() > 1 ? 2.0 : 1.0) / 12.0 +
+                          std::min(1.625 * walk * walk, period * period / 12.0) +
+                          variance_of_wrong_tops(rho, symbols * window, period, window);
+  out.sigma_samples = std::sqrt(std::min(variance, period * period / 12.0));
+  return out;
+}
+
+void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out) noexcept {
+  Tables& t = *tables_;
+  const std::size_t period = t.period;
+  const double symbols = static_cast<double>(correlator_.symbols());
+  const auto products = correlator_.products();
+  const auto energies = correlator_.energies();
+  const double scale = 1.0 / correlator_.mean_power();
+  const double cos_phase = std::cos(phase), sin_phase = std::sin(phase);
+  for (std::size_t i = 0; i < period; ++i) {
+    const double f = (products[i].real() * cos_phase + products[i].imag() * sin_phase) * scale;
+    t.cyclic_f[i] = f;
+    t.cyclic_e[i] = energies[i] * scale - 2.0 * f;
+  }
+  // From a period before the top to one after, so that a window may start on either side of it.
+  for (std::size_t i = 0; i < t.apart.size(); ++i) {
+    const std::size_t from = (top + i) % period;
+    t.apart[i] = static_cast<float>(t.cyclic_e[from]);
+    t.cross[i] = static_cast<float>(t.cyclic_f[from]);
+  }
+  double product = 0.0, difference = 0.0;
+  for (std::size_t i = t.inner_begin; i < t.inner_end; ++i) {
+    product += static_cast<double>(t.cross[i]);
+    difference += static_cast<double>(t.apart[i]);
+  }
+  const double share = 2.0 * product / (difference + 2.0 * product);  // rho b, over the inner window
+  const auto rho_at = [&](std::size_t fraction) {
+    return known_rho_ > 0.0 ? known_rho_ : std::clamp(share / t.inner_correlation[fraction], kMinRho, kMaxRho);
+  };
+  const int reach = share < kWideBelowRho ? 3 : 1;
+  std::array<std::size_t, kCoarse> levels{};
+  for (std::size_t c = 0; c < kCoarse; ++c) levels[c] = t.level_of(rho_at(c * kCoarseStep));
+  double best = -std::numeric_limits<double>::infinity();
+  int best_at = 0;
+  const int first = -reach * kFractions;
+  const int count = (2 * reach + 1) * kCoarse;
+  for (int n = 0; n < count; ++n) {
+    const auto c = static_cast<std::size_t>(n % kCoarse);
+    const double value = t.likelihood(levels[c], n / kCoarse - reach, c * kCoarseStep);
+    t.log_likelihood[static_cast<std::size_t>(n)] = value;
+    if (value > best) {
+      best = value;
+      best_at = first + n * kCoarseStep;
+    }
+  }
+  const int coarse_at = best_at;
+  const double coarse_best = best;
+  const std::size_t level = levels[static_cast<std::size_t>((coarse_at + 4 * kFractions) % kFractions / kCoarseStep)];
+  const auto fine = [&](int at) {
+    const int shifted = at + 4 * kFractions;
+    return t.likelihood(level, shifted / kFractions - 4, static_cast<std::size_t>(shifted % kFractions));
+  };
+  std::array<double, 2 * kCoarseStep + 1> around{};
+  std::size_t peak = kCoarseStep;
+  for (int d = -kCoarseStep; d <= kCoarseStep; ++d) {
+    const auto i = static_cast<std::size_t>(d + kCoarseStep);
+    around[i] = d == 0 ? coarse_best : fine(coarse_at + d);
+    if (around[i] > around[peak]) peak = i;
+  }
+  double at = coarse_at + static_cast<double>(peak) - kCoarseStep;
+  if (peak > 0 && peak + 1 < around.size()) {
+    const double left = around[peak - 1], mid = around[peak], right = around[peak + 1];
+    const double bend = 2.0 * mid - left - right;
+    if (bend > 0.0) at += 0.5 * (right - left) / bend;
+  }
+  const auto nearest = static_cast<std::size_t>((static_cast<int>(std::lround(at)) + 4 * kFractions) % kFractions);
+  const double inflation = t.inflation_at(level, nearest);
+  const double step = static_cast<double>(kCoarseStep);
+  double weight_sum = 0.0, square_sum = 0.0;
+  for (int n = 0; n < count; ++n) {
+    const double below = (coarse_best - t.log_likelihood[static_cast<std::size_t>(n)]) / inflation;
+    if (below > 25.0) continue;
+    const double weight = std::exp(-below);
+    const double away = first + n * step - at;
+    weight_sum += weight;
+    square_sum += weight * away * away;
+  }
+  const double spread = square_sum / weight_sum / (kFractions * kFractions);
+  const double rho = rho_at(nearest);
+  const double local = inflation / (symbols * t.information[level * kFractions + nearest]);
+  const double grid = step / kFractions;
+  const auto window = static_cast<double>(correlator_.window());
+  const auto length = static_cast<double>(period);
+  const double variance =
+      spread + std::min(local, grid * grid) + variance_of_wrong_tops(rho, symbols * window, length, window);
+  out.boundary_samples = wrapped(static_cast<double>(top) + at / kFractions, length);
+  out.sigma_samples = std::sqrt(std::min(variance, length * length / 12.0));
+  out.snr_db = snr_db_of(rho);
+}
+
+void BoundaryEstimator::folded_differences(std::span<double> out) const {
+  require(out.size() == correlator_.period(), "out.size()", out.size(), "it must be the symbol's length in samples");
+  const auto products = correlator_.products();
+  const auto energies = correlator_.energies();
+  const double power = correlator_.mean_power();
+  const double scale = power > 0.0 ? 1.0 / power : 0.0;
+  const double cos_phase = std::cos(phase_), sin_phase = std::sin(phase_);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out[i] = (energies[i] - 2.0 * (products[i].real() * cos_phase + products[i].imag() * sin_phase)) * scale;
+  }
+}
+
+double delay_crlb_samples(double snr_db, int symbols, const Numerology& numerology, std::optional<double> fraction) {
+  check(numerology);
+  require_snr(snr_db);
+  require(symbols >= 1, "symbols", symbols, "it must be at least 1");
+  if (fraction) require(std::isfinite(*fraction), "fraction", *fraction, "it must be finite");
+  const double rho = share_of(snr_db);
+  double information = 0.0;
+  if (fraction) {
+    information = pair_information(numerology, *fraction - std::floor(*fraction), rho);
+  } else {
+    constexpr int kMean = 64;
+    for (int f = 0; f < kMean; ++f) information += pair_information(numerology, (f + 0.5) / kMean, rho) / kMean;
+  }
+  return 1.0 / std::sqrt(symbols * information);
+}
+
+double delay_crlb_m(double snr_db, int symbols, const Numerology& numerology, std::optional<double> fraction) {
+  return delay_crlb_samples(snr_db, symbols, numerology, fraction) * numerology.sample_m();
+}
+
+}  // namespace soopnav::ofdm
