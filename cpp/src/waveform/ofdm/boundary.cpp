@@ -23,6 +23,7 @@ constexpr double kLevelLowDb = -14.0;
 constexpr double kLevelStepDb = 2.0;
 constexpr int kLevels = 33;  // up to 50 dB, which also stands for no noise
 constexpr double kMaxRho = 1.0 - 1e-5;
+constexpr double kSmoothRho = 0.99;
 constexpr double kMinRho = 0.02;
 constexpr std::size_t kInflationFractions = 4;  // at 1/16, 3/16, 5/16, 7/16; symmetric about 1/2
 constexpr double kWideBelowRho = 0.66;          // 3 dB
@@ -51,109 +52,98 @@ double variance_of_wrong_tops(double rho, double pairs, double period, double wi
 
 }  // namespace
 
-// Weights of the log-likelihood by noise level and fraction: -sum difference e + product F, and its constant.
+// What the interpolated method keeps: the profiles by fraction, sigma's tables by noise level, and scratch.
 struct BoundaryEstimator::Tables {
   std::size_t period = 0;
-  std::size_t stride = 0;
+  std::size_t stride = 0;  // of a row, padded with gaps of 1: pairs without correlation
   std::size_t inner_begin = 0, inner_end = 0;
-  std::vector<double> rho;                             // by level
-  std::vector<float> difference, product;              // [level][fraction][stride]
-  std::vector<double> constant;                        // [level][fraction]
-  std::vector<double> information;                     // [level][fraction], per symbol
-  std::vector<double> inflation;                       // [level][kInflationFractions]
+  double symbols = 0.0;
+  std::vector<float> gap;                              // [fraction][stride], 1 - b
   std::array<double, kFractions> inner_correlation{};  // mean of b over the inner window
-  std::vector<float> apart, cross;                     // folded, from one sample before the top - 3 on
-  std::array<double, kFractions * 8 / kCoarseStep> log_likelihood{};
-  std::vector<double> cyclic_e, cyclic_f;
+  std::array<double, kLevels> rho{};
+  std::vector<double> information;  // [level][fraction], per symbol
+  std::array<std::array<double, kInflationFractions>, kLevels> inflation{};
+  std::vector<float> apart, cross;         // folded |difference|^2 and product, from a period before the top on
+  std::vector<float> weight, twice;        // rows of the coarse fractions
+  std::array<double, kCoarse> constant{};  // and their -K sum ln(1 - r^2)
+  std::array<double, 7 * kCoarse> log_likelihood{};
 
-  Tables(const Numerology& numerology, double symbols, std::optional<double> snr_db)
-      : period(static_cast<std::size_t>(numerology.symbol_samples())), stride((period + 7) / 8 * 8) {
+  Tables(const Numerology& numerology, double symbol_count)
+      : period(static_cast<std::size_t>(numerology.symbol_samples())),
+        stride((period + 7) / 8 * 8),
+        symbols(symbol_count),
+        gap(kFractions * stride, 1.0F),
+        information(kLevels * kFractions),
+        apart(2 * period + stride),
+        cross(2 * period + stride),
+        weight(kCoarse * stride),
+        twice(kCoarse * stride) {
     const auto prefix = static_cast<std::size_t>(numerology.prefix);
     const std::size_t margin = prefix >= 6 ? 2 : 0;
     inner_begin = margin;
     inner_end = prefix - margin;
-    if (snr_db) {
-      rho.push_back(std::clamp(share_of(*snr_db), kMinRho, kMaxRho));
-    } else {
-      for (int level = 0; level < kLevels; ++level) {
-        rho.push_back(std::min(kMaxRho, share_of(kLevelLowDb + kLevelStepDb * level)));
+    std::vector<double> b((kFractions + 1) * period);
+    for (std::size_t f = 0; f <= kFractions; ++f) {
+      for (std::size_t i = 0; i < period; ++i) {
+        b[f * period + i] =
+            prefix_correlation(numerology, static_cast<double>(i) - static_cast<double>(f) / kFractions);
       }
     }
-    std::vector<double> b(kFractions * period), slope(kFractions * period);
     for (std::size_t f = 0; f < kFractions; ++f) {
-      for (std::size_t i = 0; i < period; ++i) {
-        const double at = static_cast<double>(i) - static_cast<double>(f) / kFractions;
-        b[f * period + i] = prefix_correlation(numerology, at);
-        slope[f * period + i] = prefix_correlation_slope(numerology, at);
-      }
+      for (std::size_t i = 0; i < period; ++i) gap[f * stride + i] = static_cast<float>(1.0 - b[f * period + i]);
       double sum = 0.0;
       for (std::size_t i = inner_begin; i < inner_end; ++i) sum += b[f * period + i];
       inner_correlation[f] = sum / static_cast<double>(inner_end - inner_begin);
     }
-    const std::size_t levels = rho.size();
-    difference.resize(levels * kFractions * stride);
-    product.resize(levels * kFractions * stride);
-    constant.resize(levels * kFractions);
-    information.resize(levels * kFractions);
-    inflation.resize(levels * kInflationFractions);
-    for (std::size_t level = 0; level < levels; ++level) {
+    for (std::size_t level = 0; level < kLevels; ++level) {
+      rho[level] = std::min(kMaxRho, share_of(kLevelLowDb + kLevelStepDb * static_cast<double>(level)));
       for (std::size_t f = 0; f < kFractions; ++f) {
-        double product_of = 1.0, log_sum = 0.0, info = 0.0;
+        double sum = 0.0;
         for (std::size_t i = 0; i < period; ++i) {
+          const double before = f > 0 ? b[(f - 1) * period + i] : b[(kFractions - 1) * period + (i + 1) % period];
           const double r = rho[level] * b[f * period + i];
-          const double dr = rho[level] * slope[f * period + i];
+          const double dr = rho[level] * (b[(f + 1) * period + i] - before) * (0.5 * kFractions);
           const double a = 1.0 - r * r;
-          const std::size_t at = (level * kFractions + f) * stride + i;
-          difference[at] = static_cast<float>(1.0 / a);
-          product[at] = static_cast<float>(2.0 / (1.0 + r));
-          info += 2.0 * dr * dr * (1.0 + r * r) / (a * a);
-          product_of *= a;
-          if (i % 16 == 15 || i + 1 == period) {
-            log_sum += std::log(product_of);
-            product_of = 1.0;
-          }
+          sum += 2.0 * dr * dr * (1.0 + r * r) / (a * a);
         }
-        constant[level * kFractions + f] = -symbols * log_sum;
-        information[level * kFractions + f] = info;
+        information[level * kFractions + f] = sum;
       }
     }
-    std::vector<double> by_level(levels);
+    std::array<double, kLevels> by_level{};
     for (std::size_t f = 0; f < kInflationFractions; ++f) {
-      score_inflation(numerology, (static_cast<double>(f) + 0.5) / 8.0, rho.data(), levels, by_level.data());
-      for (std::size_t level = 0; level < levels; ++level) {
-        inflation[level * kInflationFractions + f] = std::max(1.0, by_level[level]);
-      }
+      score_inflation(numerology, (static_cast<double>(f) + 0.5) / 8.0, rho.data(), kLevels, by_level.data());
+      for (std::size_t level = 0; level < kLevels; ++level) inflation[level][f] = std::max(1.0, by_level[level]);
     }
-    apart.resize(2 * period + stride);
-    cross.resize(2 * period + stride);
-    cyclic_e.resize(period);
-    cyclic_f.resize(period);
   }
 
   [[nodiscard]] std::size_t level_of(double share) const noexcept {
-    if (rho.size() == 1) return 0;
     const auto above = std::lower_bound(rho.begin(), rho.end(), share);
     if (above == rho.end()) return rho.size() - 1;
     const auto i = static_cast<std::size_t>(above - rho.begin());
     return i > 0 && share - rho[i - 1] < rho[i] - share ? i - 1 : i;
   }
 
-  /// Of a boundary `offset` samples (from -3) and `fraction` / 64 after the top.
-  [[nodiscard]] double likelihood(std::size_t level, int offset, std::size_t fraction) const noexcept {
-    const std::size_t row = level * kFractions + fraction;
-    const auto from = static_cast<std::size_t>(offset + static_cast<int>(period));
-    return constant[row] - static_cast<double>(kernels::dot2(&difference[row * stride], &apart[from],
-                                                             &product[row * stride], &cross[from], stride));
+  /// Makes coarse row `row` that of a fraction at signal share `share`.
+  void prepare(std::size_t row, std::size_t fraction, double share) noexcept {
+    constant[row] = -symbols * kernels::pair_weights(&gap[fraction * stride], static_cast<float>(1.0 - share),
+                                                     static_cast<float>(share), &weight[row * stride],
+                                                     &twice[row * stride], stride);
   }
 
-  /// Mean over the neighbouring fractions' inflations, symmetric about 1/2.
+  /// Log-likelihood (eq. 10) of a boundary `offset` samples, from -4, after the top, with the fraction of `row`.
+  [[nodiscard]] double likelihood(std::size_t row, int offset) const noexcept {
+    const auto from = static_cast<std::size_t>(offset + static_cast<int>(period));
+    return constant[row] - static_cast<double>(kernels::dot2(&weight[row * stride], &apart[from], &twice[row * stride],
+                                                             &cross[from], stride));
+  }
+
+  /// Between the neighbouring fractions' inflations, symmetric about 1/2.
   [[nodiscard]] double inflation_at(std::size_t level, std::size_t fraction) const noexcept {
     const double folded = std::abs(static_cast<double>(fraction) / kFractions - 0.5);  // 0 at 1/2
     const double at = std::clamp((0.5 - folded) * 8.0 - 0.5, 0.0, static_cast<double>(kInflationFractions - 1));
     const auto low = std::min(static_cast<std::size_t>(at), kInflationFractions - 2);
     const double part = at - static_cast<double>(low);
-    const double* row = &inflation[level * kInflationFractions];
-    return (1.0 - part) * row[low] + part * row[low + 1];
+    return (1.0 - part) * inflation[level][low] + part * inflation[level][low + 1];
   }
 };
 
@@ -171,7 +161,7 @@ BoundaryEstimator::BoundaryEstimator(const Numerology& numerology, int symbols, 
     require(oversampling == 1, "oversampling", oversampling, "it must be 1 for interpolated boundaries");
     require(numerology.symbol_samples() <= kMaxPeriod, "subcarriers + prefix", numerology.symbol_samples(),
             "it must be at most 256 for interpolated boundaries");
-    tables_ = std::make_unique<Tables>(numerology, static_cast<double>(symbols), options.snr_db);
+    tables_ = std::make_unique<Tables>(numerology, static_cast<double>(symbols));
   }
 }
 
@@ -200,7 +190,7 @@ Boundary BoundaryEstimator::estimate(IqSpan iq) noexcept {
     for (std::size_t i = m; i < m + correlator_.window(); ++i) sum += energies[i];
     return sum;
   };
-  if (options_.method == BoundaryMethod::kMaximumLikelihood) {
+  if (magnitude) {
     const double rho = known_rho_ > 0.0 ? known_rho_ : 2.0 * std::abs(gamma[top]) / energy_of(top);
     best = -std::numeric_limits<double>::infinity();
     double energy = energy_of(0);
@@ -247,21 +237,19 @@ Boundary BoundaryEstimator::whole(std::size_t top, double phase, double metric) 
 void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out) noexcept {
   Tables& t = *tables_;
   const std::size_t period = t.period;
-  const double symbols = static_cast<double>(correlator_.symbols());
   const auto products = correlator_.products();
   const auto energies = correlator_.energies();
   const double scale = 1.0 / correlator_.mean_power();
-  const double cos_phase = std::cos(phase), sin_phase = std::sin(phase);
-  for (std::size_t i = 0; i < period; ++i) {
-    const double f = (products[i].real() * cos_phase + products[i].imag() * sin_phase) * scale;
-    t.cyclic_f[i] = f;
-    t.cyclic_e[i] = energies[i] * scale - 2.0 * f;
-  }
+  const double cos_phase = std::cos(phase) * scale, sin_phase = std::sin(phase) * scale;
   // From a period before the top to one after, so that a window may start on either side of it.
-  for (std::size_t i = 0; i < t.apart.size(); ++i) {
-    const std::size_t from = (top + i) % period;
-    t.apart[i] = static_cast<float>(t.cyclic_e[from]);
-    t.cross[i] = static_cast<float>(t.cyclic_f[from]);
+  for (std::size_t i = 0, from = top; i < period; ++i, from = from + 1 < period ? from + 1 : 0) {
+    const double f = products[from].real() * cos_phase + products[from].imag() * sin_phase;
+    t.apart[i] = static_cast<float>(energies[from] * scale - 2.0 * f);
+    t.cross[i] = static_cast<float>(f);
+  }
+  for (std::size_t i = period; i < t.apart.size(); ++i) {
+    t.apart[i] = t.apart[i - period];
+    t.cross[i] = t.cross[i - period];
   }
   double product = 0.0, difference = 0.0;
   for (std::size_t i = t.inner_begin; i < t.inner_end; ++i) {
@@ -270,64 +258,71 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
   }
   const double share = 2.0 * product / (difference + 2.0 * product);  // rho b, over the inner window
   const auto rho_at = [&](std::size_t fraction) {
-    return known_rho_ > 0.0 ? known_rho_ : std::clamp(share / t.inner_correlation[fraction], kMinRho, kMaxRho);
+    return known_rho_ > 0.0 ? std::clamp(known_rho_, kMinRho, kMaxRho)
+                            : std::clamp(share / t.inner_correlation[fraction], kMinRho, kMaxRho);
   };
+  // Coarse, with the noise not below 20 dB so that no peak hides between two fractions.
   const int reach = share < kWideBelowRho ? 3 : 1;
-  std::array<std::size_t, kCoarse> levels{};
-  for (std::size_t c = 0; c < kCoarse; ++c) levels[c] = t.level_of(rho_at(c * kCoarseStep));
-  double best = -std::numeric_limits<double>::infinity();
-  int best_at = 0;
+  for (std::size_t c = 0; c < kCoarse; ++c) {
+    t.prepare(c, c * kCoarseStep, std::min(rho_at(c * kCoarseStep), kSmoothRho));
+  }
   const int first = -reach * kFractions;
   const int count = (2 * reach + 1) * kCoarse;
+  double coarse_best = -std::numeric_limits<double>::infinity();
+  int best_at = 0;
   for (int n = 0; n < count; ++n) {
-    const auto c = static_cast<std::size_t>(n % kCoarse);
-    const double value = t.likelihood(levels[c], n / kCoarse - reach, c * kCoarseStep);
+    const double value = t.likelihood(static_cast<std::size_t>(n % kCoarse), n / kCoarse - reach);
     t.log_likelihood[static_cast<std::size_t>(n)] = value;
-    if (value > best) {
-      best = value;
+    if (value > coarse_best) {
+      coarse_best = value;
       best_at = first + n * kCoarseStep;
     }
   }
-  const int coarse_at = best_at;
-  const double coarse_best = best;
-  const std::size_t level = levels[static_cast<std::size_t>((coarse_at + 4 * kFractions) % kFractions / kCoarseStep)];
-  const auto fine = [&](int at) {
+  // Finer about the best, at the noise as it is.
+  const auto at_fraction = [&](int at) {
     const int shifted = at + 4 * kFractions;
-    return t.likelihood(level, shifted / kFractions - 4, static_cast<std::size_t>(shifted % kFractions));
+    const auto fraction = static_cast<std::size_t>(shifted % kFractions);
+    t.prepare(0, fraction, rho_at(fraction));
+    return t.likelihood(0, shifted / kFractions - 4);
   };
-  std::array<double, 2 * kCoarseStep + 1> around{};
-  std::size_t peak = kCoarseStep;
-  for (int d = -kCoarseStep; d <= kCoarseStep; ++d) {
-    const auto i = static_cast<std::size_t>(d + kCoarseStep);
-    around[i] = d == 0 ? coarse_best : fine(coarse_at + d);
-    if (around[i] > around[peak]) peak = i;
+  constexpr int kHalf = 4;
+  std::array<double, 2 * kHalf + 1> around{};
+  std::size_t peak = 0;
+  for (const int step : {kCoarseStep, 1}) {
+    peak = 0;
+    for (std::size_t i = 0; i < around.size(); ++i) {
+      around[i] = at_fraction(best_at + step * (static_cast<int>(i) - kHalf));
+      if (around[i] > around[peak]) peak = i;
+    }
+    best_at += step * (static_cast<int>(peak) - kHalf);
   }
-  double at = coarse_at + static_cast<double>(peak) - kCoarseStep;
+  double at = best_at;
   if (peak > 0 && peak + 1 < around.size()) {
     const double left = around[peak - 1], mid = around[peak], right = around[peak + 1];
     const double bend = 2.0 * mid - left - right;
     if (bend > 0.0) at += 0.5 * (right - left) / bend;
   }
   const auto nearest = static_cast<std::size_t>((static_cast<int>(std::lround(at)) + 4 * kFractions) % kFractions);
+  const double rho = rho_at(nearest);
+  const std::size_t level = t.level_of(rho);
   const double inflation = t.inflation_at(level, nearest);
-  const double step = static_cast<double>(kCoarseStep);
+  const double coarse_inflation = t.inflation_at(t.level_of(std::min(rho, kSmoothRho)), nearest);
   double weight_sum = 0.0, square_sum = 0.0;
   for (int n = 0; n < count; ++n) {
-    const double below = (coarse_best - t.log_likelihood[static_cast<std::size_t>(n)]) / inflation;
-    if (below > 25.0) continue;
+    const double below = (coarse_best - t.log_likelihood[static_cast<std::size_t>(n)]) / coarse_inflation;
+    if (below > 20.0) continue;
     const double weight = std::exp(-below);
-    const double away = first + n * step - at;
+    const double away = first + n * kCoarseStep - at;
     weight_sum += weight;
     square_sum += weight * away * away;
   }
   const double spread = square_sum / weight_sum / (kFractions * kFractions);
-  const double rho = rho_at(nearest);
-  const double local = inflation / (symbols * t.information[level * kFractions + nearest]);
-  const double grid = step / kFractions;
+  const double local = inflation / (t.symbols * t.information[level * kFractions + nearest]);
+  const double grid = static_cast<double>(kCoarseStep) / kFractions;
   const auto window = static_cast<double>(correlator_.window());
   const auto length = static_cast<double>(period);
   const double variance =
-      spread + std::min(local, grid * grid) + variance_of_wrong_tops(rho, symbols * window, length, window);
+      spread + std::min(local, grid * grid) + variance_of_wrong_tops(rho, t.symbols * window, length, window);
   out.boundary_samples = wrapped(static_cast<double>(top) + at / kFractions, length);
   out.sigma_samples = std::sqrt(std::min(variance, length * length / 12.0));
   out.snr_db = snr_db_of(rho);

@@ -1,6 +1,7 @@
 #include "waveform/ofdm/kernels.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "core/target_clones.hpp"
@@ -134,15 +135,33 @@ SOOPNAV_TARGET_CLONES float dot2(const float* a, const float* x, const float* b,
   return total(s + t);
 }
 
-SOOPNAV_TARGET_CLONES float dot(const float* a, const float* x, std::size_t n) noexcept {
-  Lanes s{};
-  for (std::size_t i = 0; i < n; i += kLaneFloats) {
-    Lanes u, v;
-    load(u, a + i);
-    load(v, x + i);
-    s += u * v;
+SOOPNAV_TARGET_CLONES double pair_weights(const float* gap, float floor, float rho, float* weight, float* twice,
+                                          std::size_t n) noexcept {
+  constexpr std::size_t kGroup = 4;  // at 1e-5 each, no product of a group leaves single precision
+  double logs = 0.0, product = 1.0;
+  for (std::size_t i = 0; i < n;) {
+    Lanes group{};
+    group += 1.0F;
+    for (std::size_t u = 0; u < kGroup && i < n; ++u, i += kLaneFloats) {
+      Lanes q;
+      load(q, gap + i);
+      q = q * rho + floor;
+      const Lanes a = q * (2.0F - q);
+      const Lanes w = 1.0F / a;
+      const Lanes t = 2.0F * q * w;
+      std::memcpy(weight + i, &w, sizeof w);
+      std::memcpy(twice + i, &t, sizeof t);
+      group *= a;
+    }
+    float lane[kLaneFloats];
+    std::memcpy(lane, &group, sizeof lane);
+    for (const float value : lane) product *= static_cast<double>(value);
+    if (product < 1e-140) {
+      logs += std::log(product);
+      product = 1.0;
+    }
   }
-  return total(s);
+  return logs + std::log(product);
 }
 
 }  // namespace soopnav::ofdm::kernels

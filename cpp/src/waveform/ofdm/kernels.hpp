@@ -15,10 +15,12 @@ namespace soopnav::ofdm::kernels {
 void fold(const Cf32* y, std::size_t rows, std::size_t columns, std::size_t lag, double* same, double* swap,
           double* power) noexcept;
 
+/// Weights of a folded pair's likelihood, for correlations r = 1 - q, q = floor + rho gap[i]: weight[i] = 1 / (1 -
+/// r^2), and twice[i] = 2 q weight[i] = 2 / (1 + r). `n` is a multiple of 8; returns sum_i ln(1 - r^2). Where gap is 1
+/// and rho + floor is 1, as in padding, it adds nothing.
+double pair_weights(const float* gap, float floor, float rho, float* weight, float* twice, std::size_t n) noexcept;
+
 /// sum_i a[i] x[i] + b[i] y[i] over `n`, a multiple of 8: eight single-precision lanes, summed in a fixed order.
 float dot2(const float* a, const float* x, const float* b, const float* y, std::size_t n) noexcept;
-
-/// sum_i a[i] x[i] over `n`, a multiple of 8, likewise.
-float dot(const float* a, const float* x, std::size_t n) noexcept;
 
 }  // namespace soopnav::ofdm::kernels

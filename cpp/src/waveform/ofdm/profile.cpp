@@ -83,12 +83,17 @@ void score_inflation(const Numerology& numerology, double fraction, const double
       copy.middleRows(period, rows) * original.transpose() + original.middleRows(period, rows) * copy.transpose();
   const auto covariance = [&](int i, int j, double noise) { return y(i, j - first) + (i == j ? 1.0 + noise : 0.0); };
   std::vector<double> on_difference(static_cast<std::size_t>(period)), on_sum(static_cast<std::size_t>(period));
+  std::vector<double> b(static_cast<std::size_t>(period)), slope(static_cast<std::size_t>(period));
+  for (int i = 0; i < period; ++i) {
+    b[static_cast<std::size_t>(i)] = prefix_correlation(numerology, i - fraction);
+    slope[static_cast<std::size_t>(i)] = prefix_correlation_slope(numerology, i - fraction);
+  }
   for (std::size_t c = 0; c < count; ++c) {
     const double noise = 1.0 / rho[c] - 1.0;
     double information = 0.0;
     for (int i = 0; i < period; ++i) {
-      const double r = rho[c] * prefix_correlation(numerology, i - fraction);
-      const double dr = rho[c] * prefix_correlation_slope(numerology, i - fraction);
+      const double r = rho[c] * b[static_cast<std::size_t>(i)];
+      const double dr = rho[c] * slope[static_cast<std::size_t>(i)];
       const double a = 1.0 - r * r;
       information += 2.0 * dr * dr * (1.0 + r * r) / (a * a);
       const double on_product = -2.0 * dr / ((1.0 + r) * (1.0 + r));
