@@ -46,7 +46,7 @@ double wrapped(double value, double period) noexcept {
 
 // Variance of a top that is one of M / v unrelated windows when the right one does not stand out (doc/ofdm.md eq. 6).
 double variance_of_wrong_tops(double rho, double pairs, double period, double window) noexcept {
-  const double wrong = std::min(1.0, period / window * std::exp(-rho * rho * pairs));
+  const double wrong = std::min(1.0, 2.0 * period / window * std::exp(-0.5 * rho * rho * pairs));
   return wrong * period * period / 12.0;
 }
 

@@ -164,4 +164,37 @@ SOOPNAV_TARGET_CLONES double pair_weights(const float* gap, float floor, float r
   return logs + std::log(product);
 }
 
+SOOPNAV_TARGET_CLONES double mixture_cost(const float* e, const float* a, const float* b, float floor, float share,
+                                          std::size_t n) noexcept {
+  constexpr std::size_t kGroup = 8;  // at 1e-4 each, no product of a group leaves single precision
+  double logs = 0.0, product = 1.0;
+  Lanes sum{};
+  std::size_t i = 0;
+  while (i + kLaneFloats <= n) {
+    Lanes group{};
+    group += 1.0F;
+    for (std::size_t u = 0; u < kGroup && i + kLaneFloats <= n; ++u, i += kLaneFloats) {
+      Lanes x, p, q;
+      load(x, e + i);
+      load(p, a + i);
+      load(q, b + i);
+      const Lanes g = p + share * (q - p) + floor;
+      sum += x / g;
+      group *= g;
+    }
+    float lane[kLaneFloats];
+    std::memcpy(lane, &group, sizeof lane);
+    for (const float value : lane) product *= static_cast<double>(value);
+    logs += std::log(product);
+    product = 1.0;
+  }
+  double rest = static_cast<double>(total(sum));
+  for (; i < n; ++i) {
+    const auto g = static_cast<double>(a[i] + share * (b[i] - a[i]) + floor);
+    logs += std::log(g);
+    rest += static_cast<double>(e[i]) / g;
+  }
+  return logs + rest;
+}
+
 }  // namespace soopnav::ofdm::kernels

@@ -23,4 +23,7 @@ double pair_weights(const float* gap, float floor, float rho, float* weight, flo
 /// sum_i a[i] x[i] + b[i] y[i] over `n`, a multiple of 8: eight single-precision lanes, summed in a fixed order.
 float dot2(const float* a, const float* x, const float* b, const float* y, std::size_t n) noexcept;
 
+/// sum_i ln g + e[i] / g, g = floor + a[i] + share (b[i] - a[i]), over `n`; every g from 1e-4 to 10.
+double mixture_cost(const float* e, const float* a, const float* b, float floor, float share, std::size_t n) noexcept;
+
 }  // namespace soopnav::ofdm::kernels
