@@ -14,6 +14,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
 `soopnav_cpp.plotting`  figures
+`soopnav_cpp.scenarios`  systems run from files (imported by itself, with the extra ``cli``)
 ======================  ===========================================================
 
 Samples are ``complex64``, estimates ``float64``; units are in the names.

@@ -347,7 +347,8 @@ def consistency(
         axes.plot(time, value, color=_COLOURS[0], linewidth=1.0, label="NEES")
         _limit(axes, value, high)
         axes.margins(x=0.0)
-        inside = np.mean((value >= low) & (value <= high))
+        known = value[np.isfinite(value)]
+        inside = np.mean((known >= low) & (known <= high)) if known.size else 0.0
         over = f"mean of {runs} runs" if runs > 1 else "one run"
         _style(axes, f"NEES of the position, {over}: {100 * inside:.0f} % inside", "time [s]", "NEES")
         _legend(axes, "upper right", 3)

@@ -120,6 +120,13 @@ def test_it_ends_with_a_sentence_and_the_report(done, metrics):
     )  # fmt: skip
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For tests that look at no figure: drawing them takes most of the time."""
+    monkeypatch.setattr(report, "_figures", lambda results, folder: [])
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_seed_runs_only_and_out(tmp_path, metrics):
     path = tmp_path / "cart.toml"
     path.write_text(SCENARIO)
@@ -139,6 +146,7 @@ def test_mistakes_are_sentences_with_exit_code_2(tmp_path):
     assert not list(tmp_path.glob("*.run"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_failing_run_is_named_with_its_seed(tmp_path):
     path = tmp_path / "cart.toml"
     path.write_text(SCENARIO)

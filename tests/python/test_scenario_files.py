@@ -205,6 +205,19 @@ def test_a_truth(write):
     ]
 
 
+def test_a_truth_between_its_times(write):
+    text = "time_s,position_x_m,position_y_m,heading_deg\n0,0,10,170\n2,4,10,-170\n4,4,20,-160\n"
+    data = files.read_truth(write(text, "truth.csv"))
+    found = data.at([0.0, 1.0, 3.0, 4.0])
+    np.testing.assert_allclose(found.position_m, [[0.0, 10.0], [2.0, 10.0], [4.0, 15.0], [4.0, 20.0]])
+    turned = np.exp(1j * np.radians([170.0, 180.0, 195.0, 200.0]))
+    np.testing.assert_allclose(np.exp(1j * found.heading_rad), turned, atol=1e-12)
+    assert found.velocity_mps is None
+    for times, sentence in (([1.0, 4.1], r"t_s\[1\] = 4.1: outside"), ([np.nan], r"t_s\[0\] = nan: outside")):
+        with pytest.raises(ValueError, match=sentence):
+            data.at(times)
+
+
 # ---- any bytes
 
 

@@ -192,15 +192,17 @@ class Workers:
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
-    def map(self, function: Callable[..., _T], calls: Sequence[tuple[Any, ...]]) -> Iterator[_T]:
-        """``function(*call)`` for each call, in their order."""
+    def map(
+        self, function: Callable[..., _T], calls: Sequence[tuple[Any, ...]], *, chunk: int | None = None
+    ) -> Iterator[_T]:
+        """``function(*call)`` for each call, in their order; `chunk` of them are sent at a time."""
         if self.jobs == 1 or len(calls) < 2:
             yield from (function(*call) for call in calls)
             return
         if self._pool is None:  # spawned, for a fork of a process with threads is not safe
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.jobs, mp_context=context)
-        chunk = max(1, len(calls) // (4 * self.jobs))
+        chunk = max(1, len(calls) // (4 * self.jobs)) if chunk is None else chunk
         try:
             yield from self._pool.map(function, *zip(*calls, strict=True), chunksize=chunk)
         except BrokenProcessPool:  # a process died; the next experiment gets new ones

@@ -118,7 +118,8 @@ def execute(
         step(f"run 1 of {len(numbers)}", done=0, total=len(numbers))
     with Workers(jobs) as workers:
         try:
-            for outcome in workers.map(_one, [(system, scenario, n, n == numbers[0]) for n in numbers]):
+            calls = [(system, scenario, n, n == numbers[0]) for n in numbers]
+            for outcome in workers.map(_one, calls, chunk=1):  # runs take long: the bar moves with each
                 take(outcome)
         except BrokenProcessPool:
             for number in numbers[len(outcomes) :]:

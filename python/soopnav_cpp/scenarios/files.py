@@ -29,6 +29,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp.scenarios.base import Truth
+
 __all__ = [
     "ImuData",
     "PlanarImuData",
@@ -152,6 +154,32 @@ class TruthData(_Timed):
     position_m: Array
     velocity_mps: Array | None
     heading_rad: Array | None
+
+    def at(self, t_s: npt.ArrayLike) -> Truth:
+        """What was so at these times: linear between the recorded ones, headings the short way round.
+
+        Parameters
+        ----------
+        t_s : array_like, shape (n,)
+
+        Raises
+        ------
+        ValueError
+            For a time outside the recording.
+        """
+        time = np.asarray(t_s, dtype=np.float64)
+        outside = ~((time >= self.t_s[0]) & (time <= self.t_s[-1]))
+        if outside.any():
+            k = int(np.argmax(outside))
+            span = f"{self.t_s[0]:g} … {self.t_s[-1]:g} s"
+            raise ValueError(f"t_s[{k}] = {time[k]:g}: outside the recorded truth, {span}")
+
+        def between(values: Array) -> Array:
+            return np.column_stack([np.interp(time, self.t_s, column) for column in values.T])
+
+        heading = None if self.heading_rad is None else np.interp(time, self.t_s, np.unwrap(self.heading_rad))
+        velocity = None if self.velocity_mps is None else between(self.velocity_mps)
+        return Truth(position_m=between(self.position_m), velocity_mps=velocity, heading_rad=heading)
 
 
 # ---- tables
