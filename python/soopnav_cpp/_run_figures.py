@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["consistency", "errors", "innovations", "rms", "trajectory"]
+__all__ = ["consistency", "errors", "innovations", "rms", "state_errors", "trajectory"]
 
 Array = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
@@ -29,6 +29,7 @@ _AXIS = ("x", "y", "z")
 _BAD = _COLOURS[1]
 _MOST_ELLIPSES = 14
 _MOST_SOURCES = 8
+_MOST_STATES = 16
 _BINS = 60
 _DASHED = (0, (4, 2))
 
@@ -118,13 +119,7 @@ def errors(run: Any, truth: Any = None, *, title: str = "", path: Path | None = 
     for k in range(dim):
         axes = figure.add_subplot(dim, 1, k + 1, sharex=first)
         first = first or axes
-        colour = _COLOURS[0]
-        axes.fill_between(time, -sigma[:, k], sigma[:, k], color=colour, alpha=0.15, linewidth=0, label="±1σ stated")
-        for sign in (-1.0, 1.0):
-            axes.plot(time, sign * sigma[:, k], color=colour, linewidth=0.8, alpha=0.7)
-        axes.plot(time, error[:, k], color=_BAD, linewidth=1.0, label="error")
-        axes.axhline(0.0, color=_INK, linewidth=0.6)
-        axes.margins(x=0.0)
+        _band(axes, time, error[:, k], sigma[:, k])
         inside = np.mean(np.abs(error[:, k]) <= sigma[:, k])
         name = f"{_AXIS[k]}: RMS {np.sqrt(np.mean(error[:, k] ** 2)):.3g} m, {100 * inside:.1f} % inside"
         _style(axes, name, "time [s]" if k == dim - 1 else "", f"{_AXIS[k]} error [m]")
@@ -132,6 +127,63 @@ def errors(run: Any, truth: Any = None, *, title: str = "", path: Path | None = 
         if k == 0:
             _legend(axes, "upper right", 2)
     return _save(figure, path)
+
+
+def state_errors(run: Any, *, title: str = "", path: Path | None = None) -> Figure:
+    """Draw the error of each component of the state over time within the filter's ±1σ band; angles in degrees.
+
+    Parameters
+    ----------
+    run : SystemRun or alike
+        With state, covariance, state_names and truth.state. Components after the sixteenth are left out.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        Without a truth of the state.
+    """
+    right = _numbers(getattr(run, "truth", None), "state")
+    state, covariance = _numbers(run, "state"), _numbers(run, "covariance")
+    if right is None or state is None or covariance is None:
+        raise ValueError("run: state, covariance and truth.state needed")
+    time, names = _times(run), run.state_names[:_MOST_STATES]
+    columns = 1 if len(names) < 3 else 2
+    rows = math.ceil(len(names) / columns)
+    figure = _figure(9.0 if columns == 1 else 12.0, 0.8 + 1.75 * rows)
+    _title(figure, title)
+    first = None
+    for k, name in enumerate(names):
+        axes = figure.add_subplot(rows, columns, k + 1, sharex=first)
+        first = first or axes
+        what, _, unit = name.rpartition("_")
+        error, sigma = state[:, k] - right[:, k], np.sqrt(np.maximum(covariance[:, k, k], 0.0))
+        if unit == "rad":
+            error, sigma, unit = np.degrees((error + np.pi) % (2.0 * np.pi) - np.pi), np.degrees(sigma), "deg"
+        _band(axes, time, error, sigma)
+        inside = 100.0 * np.mean(np.abs(error) <= sigma)
+        last = k >= len(names) - columns
+        title_ = f"{(what or name).replace('_', ' ')}: RMS {np.sqrt(np.mean(error**2)):.3g}, {inside:.0f} % inside"
+        _style(axes, title_, "time [s]" if last else "", f"[{unit.replace('mps', 'm/s').replace('/s2', '/s²')}]")
+        axes.tick_params(labelbottom=last)
+        if k == 0:
+            _legend(axes, "upper right", 2)
+    return _save(figure, path)
+
+
+def _band(axes: Axes, time: Array, error: Array, sigma: Array) -> None:
+    """An error in its ±1σ band."""
+    axes.fill_between(time, -sigma, sigma, color=_COLOURS[0], alpha=0.15, linewidth=0, label="±1σ stated")
+    for sign in (-1.0, 1.0):
+        axes.plot(time, sign * sigma, color=_COLOURS[0], linewidth=0.8, alpha=0.7)
+    axes.plot(time, error, color=_BAD, linewidth=1.0, label="error")
+    axes.axhline(0.0, color=_INK, linewidth=0.6)
+    axes.margins(x=0.0)
 
 
 def _extent(points: Array) -> tuple[Array, float]:

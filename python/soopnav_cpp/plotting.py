@@ -18,7 +18,7 @@ from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
 from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
-from soopnav_cpp._run_figures import consistency, errors, innovations, rms, trajectory
+from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ __all__ = [
     "position_map",
     "rms",
     "scan",
+    "state_errors",
     "trajectory",
 ]
 

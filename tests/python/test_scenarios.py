@@ -202,9 +202,14 @@ def test_the_schema_is_a_scenario_when_its_needed_keys_are_filled_in(cart, tmp_p
     content = tomlkit.parse(text).unwrap()
     content["anchors"] = content["anchors"] * 2
     assert cart.scenario.model_validate(content).rate_hz == 4.0
-    assert "# rate_hz = 4.0" in text
-    assert "# Standard deviation of a range. [number > 0.0]" in text
-    assert "# [origin]\n" in text
+    assert "\n#rate_hz = 4.0\n" in text
+    assert "\n# Standard deviation of a range. [number > 0]\n" in text
+    assert "\n#[origin]\n" in text
+    with_origin = re.sub(
+        r"\n#(?=\[origin\]|l[a-z]+itude_deg)", "\n", text.replace("deg =              # needed", "deg = 7.5")
+    )
+    content["origin"] = tomlkit.parse(with_origin).unwrap()["origin"]
+    assert cart.scenario.model_validate(content).origin.longitude_deg == 7.5
     assert "# A place that ranges. (needed, any number)\n[[anchors]]" in text
 
 

@@ -209,6 +209,12 @@ def _figures(results: Results, folder: Path) -> list[tuple[str, str]]:
             "has about 68 % of its errors inside.",
             lambda path: plotting.errors(run, path=path),
         )
+        if run.truth.state is not None and len(run.state_names) > run.position_m.shape[1]:
+            keep(
+                "state_errors",
+                f"Errors of the whole state of {which} in the ±1σ bands that the filter states.",
+                lambda path: plotting.state_errors(run, path=path),
+            )
     curves = series_over_runs(results.series)
     if curves is not None:
         named = {results.system.name: curves["rms_m"]}

@@ -56,7 +56,8 @@ def _bounds(metadata: Any) -> list[str]:
         for kind, sign in ((annotated_types.Gt, ">"), (annotated_types.Ge, "≥"), (annotated_types.Lt, "<"),
                            (annotated_types.Le, "≤")):  # fmt: skip
             if isinstance(item, kind):
-                words.append(f"{sign} {getattr(item, kind.__name__.lower())}")
+                bound = getattr(item, kind.__name__.lower())
+                words.append(f"{sign} {bound if isinstance(bound, int) and bound <= 1_000_000 else f'{bound:.6g}'}")
         words += _bounds(getattr(item, "metadata", ()))
     return words
 
@@ -93,7 +94,7 @@ def _value(default: Any) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text, _WIDTH - 2)]
+    return [f"# {line}" for line in textwrap.wrap(text.replace("``", ""), _WIDTH - 2)]
 
 
 def _lines(model: type[pydantic.BaseModel], prefix: str, system: str) -> Iterator[str]:
@@ -114,7 +115,7 @@ def _lines(model: type[pydantic.BaseModel], prefix: str, system: str) -> Iterato
             yield f"{key} =              # needed"
         else:
             default = field.get_default(call_default_factory=True)
-            yield f"# {key} =" if default is None or default is PydanticUndefined else f"# {key} = {_value(default)}"
+            yield f"#{key} =" if default is None or default is PydanticUndefined else f"#{key} = {_value(default)}"
     for key, field, inner, words in tables:
         name = f"{prefix}{key}"
         many = _is_list(field.annotation)
@@ -125,12 +126,15 @@ def _lines(model: type[pydantic.BaseModel], prefix: str, system: str) -> Iterato
             other = "or: " if index else ""
             yield from _comment(f"{other}{words or summary} ({need}{', any number' if many else ''})")
             lines = [f"[[{name}]]" if many else f"[{name}]", *_lines(one, f"{name}.", "")]
-            yield from lines if field.is_required() and not index else (f"# {line}".rstrip() for line in lines)
+            needed = field.is_required() and not index
+            yield from lines if needed else (line if line[:1] in ("", "#") else f"#{line}" for line in lines)
 
 
 def describe(model: type[pydantic.BaseModel], system: str = "") -> str:
     """Every key with its meaning, kind, bounds and default, in the form of the file itself.
 
-    What may be left out is commented out, keys with their default; tables come after plain keys, as TOML wants it.
+    What may be left out is commented out without a space, keys with their default; tables come after plain keys, as
+    TOML wants it.
     """
-    return "\n".join(_lines(model, "", system)) + "\n"
+    head = "# What may be left out is commented out without a space, as #runs = 1; remove the # to set it."
+    return "\n".join([head, "", *_lines(model, "", system)]) + "\n"
