@@ -376,7 +376,7 @@ def test_the_guides_experiment_runs(registry, monkeypatch, tmp_path):
 @pytest.mark.unit
 def test_the_papers_experiments_are_found():
     names = {item.id.split("-")[0] for item in experiments.load().all()}
-    assert names <= {"crosby", "pesyna", "carter", "mei", "nielsen", "fusion"}
+    assert names <= {"crosby", "pesyna", "carter", "mei", "nielsen", "fusion", "clock"}
 
 
 # ---- references of the particle filters
