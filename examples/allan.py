@@ -52,6 +52,9 @@ def report(record: np.ndarray, dt_s: float, *, frequency: bool, title: str, figu
     for tau, deviation, lower, upper, count, alpha in zip(*columns, strict=True):
         print(f"{tau:10g}{deviation:12.3e}{lower:13.2e} …{upper:9.2e}{count:9d}{alpha:7d}")
     print(clock)
+    floor = overlapping.deviation.min()
+    if np.any(clock.allan_deviation(overlapping.tau_s) > 2.0 * overlapping.upper):
+        print(f"flat at {floor:.2g}: flicker, h-1 = {floor**2 / (2.0 * np.log(2.0)):.2g}, which two states do not have")
     draw(overlapping, others, clock, title, figure)
     return overlapping, clock
 

@@ -245,7 +245,9 @@ def test_example_on_the_oscillator(tmp_path, capsys):
     assert 4.5e-12 < got.deviation.min() < 5.5e-12
     # The counter's noise is phase noise, sigma_y = √3 sigma_x / tau: 76e-12 / √3.
     assert clock.phase_noise_s * np.sqrt(3.0) / 7.61e-11 == pytest.approx(1.0, rel=0.03)
-    assert "phase noise 4.4" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "phase noise 4.4" in printed
+    assert "flicker, h-1 = 1.8e-23" in printed
 
 
 @pytest.mark.unit
