@@ -120,7 +120,7 @@ class TwoState:
 
     @classmethod
     def csac(cls) -> TwoState:
-        """Chip-scale atomic clock: Allan deviation 3e-10/√τ, a data sheet's limit; the walk meets it after ten days."""
+        """Chip-scale atomic clock: Allan deviation 3e-10/√τ, a data sheet's limit, and a random walk of 1e-11 a day."""
         return cls._preset("csac")
 
     @classmethod

@@ -383,7 +383,7 @@ def test_nothing_of_the_extra_is_needed_to_import():
 import sys
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("filterpy", "stonesoup", "particles", "pfilter", "scipy"):
+        if name.split(".")[0] in ("filterpy", "stonesoup", "particles", "pfilter", "scipy", "allantools"):
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Missing())
 from soopnav_cpp.bench import cases, environments, harness, systems, worker

@@ -26,7 +26,8 @@ struct Terms {
   }
 };
 
-// Squares of `at(0), at(stride), ...` below `end`; four sums side by side, since one would wait for itself.
+// Squares of `at(0), at(stride), ...` below `end`; eight sums side by side, since one would wait for itself, and two of
+// them fit in a register.
 template <class At>
 Terms squares(std::size_t end, std::size_t stride, bool gaps, const At& at) {
   Terms terms;
@@ -34,17 +35,19 @@ Terms squares(std::size_t end, std::size_t stride, bool gaps, const At& at) {
     for (std::size_t i = 0; i < end; i += stride) terms.add(at(i));
     return terms;
   }
-  std::array<double, 4> sums{};
+  std::array<double, 8> sums{};
   std::size_t i = 0;
-  for (; i + 3 * stride < end; i += 4 * stride) {
-    for (std::size_t j = 0; j < 4; ++j) {
-      const double d = at(i + j * stride);
-      sums[j] += d * d;
+  if (stride == 1) {
+    for (; i + 8 <= end; i += 8) {
+      for (std::size_t j = 0; j < 8; ++j) {
+        const double d = at(i + j);
+        sums[j] += d * d;
+      }
     }
-    terms.count += 4;
+    terms.count = i;
   }
   for (; i < end; i += stride, ++terms.count) sums[0] += at(i) * at(i);
-  terms.sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+  for (const double sum : sums) terms.sum += sum;
   return terms;
 }
 

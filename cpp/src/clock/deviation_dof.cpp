@@ -119,10 +119,11 @@ double equivalent_dof(DeviationKind kind, PowerLaw noise, std::size_t factor, st
 
 std::optional<PowerLaw> identify_noise(std::span<const double> phase_s, std::size_t factor, DeviationKind kind) {
   constexpr std::size_t kFewest = 30;
+  constexpr std::size_t kMost = 32768;  // more would not change the answer
   if (factor < 1 || phase_s.empty()) return std::nullopt;
   std::vector<double> z;
-  z.reserve(phase_s.size() / factor + 1);
-  for (std::size_t i = 0; i < phase_s.size(); i += factor) z.push_back(phase_s[i]);
+  z.reserve(std::min(kMost, phase_s.size() / factor + 1));
+  for (std::size_t i = 0; i < phase_s.size() && z.size() < kMost; i += factor) z.push_back(phase_s[i]);
   const int most = third_differences(kind) ? 3 : 2;
   for (int differences = 0;; ++differences) {
     std::size_t n = 0;

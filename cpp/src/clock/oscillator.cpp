@@ -20,8 +20,8 @@ double walk_through(double deviation, double tau_s) { return 3.0 * deviation * d
 
 Oscillator Oscillator::csac() noexcept {
   constexpr double kAtOneSecond = 3e-10;
-  constexpr double kMeetS = 10.0 * kDayS;
-  return {2.0 * kAtOneSecond * kAtOneSecond, walk_through(kAtOneSecond / std::sqrt(kMeetS), kMeetS)};
+  constexpr double kAtOneDay = 1e-11;
+  return {2.0 * kAtOneSecond * kAtOneSecond, walk_through(kAtOneDay, kDayS)};
 }
 
 Oscillator Oscillator::gps() noexcept {

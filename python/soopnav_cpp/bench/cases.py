@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from soopnav_cpp import estimation, measurement, process
+from soopnav_cpp import clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 
@@ -129,9 +129,37 @@ def _bootstrap(precision: str) -> Prepare:
     return prepare
 
 
+def _clock_data() -> Data:
+    run = clock.TwoState.tcxo().simulate(1.0, 1_000_000, seed=1)
+    taus = np.unique(np.round(np.geomspace(1.0, 3e5, 20)))
+    return cast(Data, {"phase_s": np.array(run.bias_s), "dt_s": np.array(1.0), "taus": taus})
+
+
+def _allan(data: Data) -> Timed:
+    phase_s, dt_s, taus = data["phase_s"], float(data["dt_s"]), data["taus"]
+
+    def run() -> Any:
+        return clock.allan_deviation(phase_s, dt_s, taus=taus)
+
+    def answer(result: Any) -> list[float]:
+        return [float(value) for value in result.deviation]
+
+    return run, answer
+
+
+ALLAN = Case(
+    name="clock/allan-1e6",
+    title="overlapping Allan deviation, a million phases, 20 averaging times; ours with intervals",
+    data=_clock_data,
+    ours=_allan,
+    peers=(Peer("allantools", "allantools_peers", "overlapping", requirements=("allantools==2024.6",)),),
+    tolerance=1e-9,
+)
+
 CASES: tuple[Case, ...] = (
     RTS,
     ekf_planar_ins(_planar_ins),
     particle_bootstrap(_bootstrap("double")),
     particle_bootstrap(_bootstrap("float"), single=True),
+    ALLAN,
 )

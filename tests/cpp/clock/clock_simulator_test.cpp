@@ -105,6 +105,11 @@ TEST(Oscillator, CoefficientsAndDensitiesAreOneThing) {
   }
   // What their sources state.
   EXPECT_NEAR(allan_deviation(Oscillator::csac().noise(), 1.0), 3e-10, 1e-12);
+  EXPECT_NEAR(std::sqrt(allan_deviation(Oscillator::csac().noise(), 86400.0) *
+                            allan_deviation(Oscillator::csac().noise(), 86400.0) -
+                        9e-20 / 86400.0) /
+                  1e-11,
+              1.0, 1e-6);
   EXPECT_NEAR(allan_deviation(Oscillator::gps().noise(), 1.0), 3e-12, 1e-14);
   EXPECT_NEAR(Oscillator::gps().h_minus_1 * 2.0 * std::log(2.0), 25e-28, 1e-35);
   EXPECT_TRUE(std::isinf(Oscillator{}.crossover_s()));

@@ -83,8 +83,8 @@ struct DeviationOptions {
 [[nodiscard]] double equivalent_dof(DeviationKind kind, PowerLaw noise, std::size_t factor, std::size_t count);
 
 /// The power law that a record looks like at an averaging factor: differenced until its lag-1 autocorrelation r of
-/// every factor-th phase tells a stationary process, with alpha = 2 - 2 (r / (1 + r) + differences) (Riley and
-/// Greenhall 2004; doc/clocks.md eq. 12). None when fewer than 30 such phases are left.
+/// every factor-th phase (of the first 32768 such) tells a stationary process, with alpha = 2 - 2 (r / (1 + r) +
+/// differences) (Riley and Greenhall 2004; doc/clocks.md eq. 12). None when fewer than 30 such phases are left.
 [[nodiscard]] std::optional<PowerLaw> identify_noise(std::span<const double> phase_s, std::size_t factor,
                                                      DeviationKind kind);
 

@@ -22,8 +22,8 @@ struct Oscillator {
   /// The steadier of pesyna's two cellular basestations: 3e-25, 3e-27.
   [[nodiscard]] static Oscillator basestation() noexcept { return {3e-25, 3e-27}; }
   /// Chip-scale atomic clock: an Allan deviation of 3e-10 / sqrt(tau), the limit that data sheets of caesium vapour
-  /// cells state at 1 s, hence h0 = 2 (3e-10)²; and a random walk that meets it after ten days, as their drift of
-  /// about 1e-12 a day lets it.
+  /// cells state at 1 s, hence h0 = 2 (3e-10)²; and a random walk of 1e-11 at a day, below their ageing of 9e-10 a
+  /// month.
   [[nodiscard]] static Oscillator csac() noexcept;
   /// Rubidium clock of a GPS satellite: 3e-12 / sqrt(tau) down to a flicker floor of 5e-14, the specification of Block
   /// IIR's; and a random walk that reaches the floor after a day.
