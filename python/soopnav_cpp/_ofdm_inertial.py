@@ -72,7 +72,7 @@ class RangeChanges:
     ----------
     t_s : ndarray, shape (E,)
     range_change_m : ndarray, shape (E, K)
-        Modulo the length of a symbol; NaN where there was none. Minus c times crosby's TDOA (2.6), (3.5).
+        Modulo the length of a symbol; NaN where there was none. c times crosby's TDOA (2.6), minus its ΔR (3.5).
     sigma_m : float or ndarray, shape (E, K)
     """
 
