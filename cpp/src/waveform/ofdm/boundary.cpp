@@ -224,12 +224,18 @@ Boundary BoundaryEstimator::whole(std::size_t top, double phase, double metric) 
   const auto symbols = static_cast<double>(correlator_.symbols());
   const auto period = static_cast<double>(correlator_.period());
   const auto window = static_cast<double>(correlator_.window());
-  // Quantisation; between the samples of an oversampled signal, as much again from its own shape (measured); noise, the
-  // top of a random walk beside two slopes (doc/ofdm.md eq. 5).
-  const double walk = (1.0 + 0.5 * rho * rho) / (rho * rho * symbols);
-  const double variance = (correlator_.oversampling() > 1 ? 2.0 : 1.0) / 12.0 +
-                          std::min(1.625 * walk * walk, period * period / 12.0) +
-                          variance_of_wrong_tops(rho, symbols * window, period, window);
+  // Quantisation, then noise: at critical sampling the top of a random walk beside two slopes (doc/ofdm.md eq. 5);
+  // between the samples of an oversampled signal the top is round (Chernoff's law), and the signal's own shape moves it
+  // as much again as quantisation does (measured).
+  double variance = 1.0 / 12.0;
+  if (correlator_.oversampling() == 1) {
+    const double walk = (1.0 + 0.5 * rho * rho) / (rho * rho * symbols);
+    variance += 1.625 * walk * walk;
+  } else {
+    const double bend = 0.5 * kPi * rho * symbols / correlator_.oversampling();
+    variance += 1.0 / 12.0 + 0.263 * std::pow(symbols * (1.0 - rho * rho) / (bend * bend), 2.0 / 3.0);
+  }
+  variance += variance_of_wrong_tops(rho, symbols * window, period, window);
   out.sigma_samples = std::sqrt(std::min(variance, period * period / 12.0));
   return out;
 }
