@@ -12,6 +12,7 @@ PYBIND11_MODULE(_core, m) {
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
   auto measurement = m.def_submodule("measurement", "Measurement models.");
+  auto ofdm = m.def_submodule("ofdm", "OFDM: symbols, cyclic-prefix correlator, blind symbol boundaries.");
   auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
@@ -30,8 +31,10 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_particle(estimation);
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_lte(lte);
+  soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_trajectory(simulation);
+  soopnav::python::register_ofdm_link(simulation);
   soopnav::python::register_navigation(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
 }

@@ -20,6 +20,8 @@ void register_measurement(pybind11::module_& module);
 void register_multiple_model(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);
 void register_ofdm_inertial(pybind11::module_& module);
+void register_ofdm(pybind11::module_& module);
+void register_ofdm_link(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);

@@ -5,6 +5,7 @@ The compiled engine does the work; these modules are its face:
 ======================  ===========================================================
 `soopnav_cpp.io`        captures in and out: SigMF and raw samples
 `soopnav_cpp.lte`       LTE downlink: cells, times of arrival, synthesis
+`soopnav_cpp.ofdm`      OFDM: symbols, blind symbol boundaries, two-ray timing
 `soopnav_cpp.navigation`  positions from observations
 `soopnav_cpp.estimation`  filters, smoothers, bounds
 `soopnav_cpp.measurement`  measurement models for filters
@@ -32,6 +33,7 @@ from soopnav_cpp import (
     lte,
     measurement,
     navigation,
+    ofdm,
     plotting,
     process,
     simulation,
@@ -46,6 +48,7 @@ __all__ = [
     "lte",
     "measurement",
     "navigation",
+    "ofdm",
     "plotting",
     "process",
     "simulation",

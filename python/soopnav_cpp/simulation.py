@@ -1,5 +1,5 @@
-"""What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss.
-And to a receiver: planar trajectories and what an inertial unit says along them.
+"""What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss; whole
+OFDM links; planar trajectories and what an inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.
@@ -13,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._core import simulation as _simulation
-from soopnav_cpp._core.simulation import ImuErrorModel, SensorErrorModel
+from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
 __all__ = [
+    "BoundarySeries",
     "ImuErrorModel",
+    "OfdmLink",
     "PlanarImuSeries",
     "PlanarMotion",
     "PlanarTrajectory",

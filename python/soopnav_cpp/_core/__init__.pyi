@@ -9,6 +9,7 @@ from . import estimation
 from . import geometry
 from . import lte
 from . import measurement
+from . import ofdm
 from . import process
 from . import simulation
 from . import navigation
@@ -21,6 +22,7 @@ __all__: list[str] = [
     "lte",
     "measurement",
     "navigation",
+    "ofdm",
     "process",
     "simulation",
 ]

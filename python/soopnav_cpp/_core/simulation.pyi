@@ -6,12 +6,15 @@ from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
+import soopnav_cpp._core.ofdm
 import typing
 
 __all__: list[str] = [
     "ImuErrorModel",
     "PlanarTrajectory",
     "SensorErrorModel",
+    "BoundarySeries",
+    "OfdmLink",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",
@@ -206,6 +209,105 @@ class PlanarTrajectory:
     def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def yaw_rate_radps(self) -> numpy.typing.NDArray[numpy.float64]: ...
+class BoundarySeries:
+    """
+    What the measured epochs of an OfdmLink gave, a row per epoch. Read-only.
+    """
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    @property
+    def folded(self) -> numpy.typing.NDArray[numpy.float64] | None:
+        """
+        Folded differences, shape (epochs, M), or None.
+        """
+    @property
+    def metric(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        |gamma| / Phi at the boundary, shape (epochs,).
+        """
+    @property
+    def range_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        In 0 ... ambiguity, shape (epochs,).
+        """
+    @property
+    def sigma_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Standard deviation of each, reflections not counted; shape (epochs,).
+        """
+    @property
+    def status(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        Values of ofdm.BoundaryStatus, shape (epochs,), uint8.
+        """
+
+class OfdmLink:
+    """
+    One OFDM transmitter as a receiver hears it: fresh symbols each epoch, moved by the path's length, with a
+    reflection, white noise and a carrier offset. The longer the path, the larger the boundary.
+    """
+    def __init__(
+        self,
+        numerology: soopnav_cpp._core.ofdm.Numerology = ...,
+        symbols: typing.SupportsInt | typing.SupportsIndex = 250,
+        *,
+        oversampling: typing.SupportsInt | typing.SupportsIndex = 1,
+        movement: str = "interpolate_and_shift",
+        constellation: str = "qpsk",
+        cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        band_limited_noise: bool = False,
+    ) -> None:
+        """
+        oversampling: 1, or 15 for a receiver that takes all fine samples. movement: "interpolate_and_shift" by
+        floor(delay / fine sample) fine samples of c / (15 f_s), or "fractional_delay", exact for any real delay.
+        constellation: "qpsk", "16qam" or "64qam". band_limited_noise: made at the critical rate and
+        interpolated. Raises ValueError for what cannot be.
+        """
+    def __repr__(self) -> str: ...
+    def iq(
+        self,
+        delay_m: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex = 0,
+        snr_db: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        reflection: tuple[
+            typing.SupportsFloat | typing.SupportsIndex,
+            complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        ]
+        | None = None,
+    ) -> numpy.typing.NDArray[numpy.complex64]:
+        """
+        The samples of one epoch, complex64, shape (symbols + 1) M oversampling. snr_db: per sample of the receiver;
+        None for no noise. reflection: extra path [m] and complex gain over the line of sight.
+        """
+    def measure(
+        self,
+        delay_m: numpy.typing.ArrayLike,
+        *,
+        method: str = "nearest_sample",
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex = 0,
+        snr_db: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        reflection_extra_m: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] | None = None,
+        reflection_gain: collections.abc.Sequence[
+            complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex
+        ]
+        | None = None,
+        folded: bool = False,
+        threads: typing.SupportsInt | typing.SupportsIndex = 1,
+    ) -> BoundarySeries:
+        """
+        Simulates and measures an epoch per element of delay_m, shape (epochs,): the same bits for any number of
+        threads. method as of ofdm.BoundaryEstimator. reflection_extra_m and reflection_gain: shape (epochs,), a gain
+        of 0 is no reflection. folded: keep the folded differences, which ofdm.TwoRayTiming takes.
+        """
+    @property
+    def numerology(self) -> soopnav_cpp._core.ofdm.Numerology: ...
+    @property
+    def oversampling(self) -> int: ...
+    @property
+    def symbols(self) -> int: ...
 
 def add_awgn(
     iq: numpy.typing.NDArray[numpy.complex64],
