@@ -292,9 +292,11 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
     return t.likelihood(0, shifted / kFractions - 4);
   };
   constexpr int kHalf = 4;
-  std::array<double, 2 * kHalf + 1> around{};
+  std::array<double, 2 * kHalf + 1> around{}, about_coarse{};
+  const int coarse_at = best_at;
   std::size_t peak = 0;
   for (const int step : {kCoarseStep, 1}) {
+    about_coarse = around;  // what the last round leaves here is the first one's
     peak = 0;
     for (std::size_t i = 0; i < around.size(); ++i) {
       around[i] = at_fraction(best_at + step * (static_cast<int>(i) - kHalf));
@@ -312,15 +314,23 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
   const double rho = rho_at(nearest);
   const std::size_t level = t.level_of(rho);
   const double inflation = t.inflation_at(level, nearest);
-  const double coarse_inflation = t.inflation_at(t.level_of(std::min(rho, kSmoothRho)), nearest);
+  // The likelihood's spread over its coarse grid, or, where that one was smoothed, over the one about its top.
   double weight_sum = 0.0, square_sum = 0.0;
-  for (int n = 0; n < count; ++n) {
-    const double below = (coarse_best - t.log_likelihood[static_cast<std::size_t>(n)]) / coarse_inflation;
-    if (below > 20.0) continue;
-    const double weight = std::exp(-below);
-    const double away = first + n * kCoarseStep - at;
+  const auto add_weight = [&](double below, double away) {
+    if (below > 20.0 * inflation) return;
+    const double weight = std::exp(-below / inflation);
     weight_sum += weight;
     square_sum += weight * away * away;
+  };
+  if (rho > kSmoothRho) {
+    const double most = *std::max_element(about_coarse.begin(), about_coarse.end());
+    for (std::size_t i = 0; i < about_coarse.size(); ++i) {
+      add_weight(most - about_coarse[i], coarse_at + kCoarseStep * (static_cast<double>(i) - kHalf) - at);
+    }
+  } else {
+    for (int n = 0; n < count; ++n) {
+      add_weight(coarse_best - t.log_likelihood[static_cast<std::size_t>(n)], first + n * kCoarseStep - at);
+    }
   }
   const double spread = square_sum / weight_sum / (kFractions * kFractions);
   const double local = inflation / (t.symbols * t.information[level * kFractions + nearest]);
