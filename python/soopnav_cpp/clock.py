@@ -231,7 +231,7 @@ class FittedClock(TwoState):
     """A clock that fits a record.
 
     A coefficient that the record does not show is 0, and its sigma the value up to which the record would hardly
-    object (a log-likelihood lower by 1/2).
+    object (a log-likelihood lower by 1/2). A sigma is infinite where a few phases do not bound it.
 
     Attributes
     ----------

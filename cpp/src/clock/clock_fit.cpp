@@ -277,10 +277,16 @@ ClockFit fit_clock(std::span<const double> phase_s, double dt_s, const ClockFitO
     ratio = maximise_on_grid(low, high, 2.0, 1e-5, [&](double at) { return likelihood(at, kNever); });
   }
   const double top = likelihood(ratio, log_phase);
-  const auto objects = [&](double edge) { return likelihood(edge, log_phase) < top - 0.5; };
+  // Where one frequency noise is changed the phase noise stays in its ratio to the other.
+  const auto of_walk = [&](double at) {
+    return likelihood(at, log_phase == kNever ? kNever : log_phase - 0.5 * (at - ratio));
+  };
+  const auto of_white = [&](double at) {
+    return likelihood(at, log_phase == kNever ? kNever : log_phase + 0.5 * (at - ratio));
+  };
   auto log = with(ratio, log_phase);
-  const bool walk_seen = objects(low);
-  const bool white_seen = objects(high);
+  const bool walk_seen = of_walk(low) < top - 0.5;
+  const bool white_seen = of_white(high) < top - 0.5;
   if (!walk_seen) log = {0.0, kNever, log_phase == kNever ? kNever : log_phase + 0.5 * ratio};
   if (walk_seen && !white_seen) log = {kNever, 0.0, log_phase == kNever ? kNever : log_phase - 0.5 * ratio};
   const Likelihood best = filter(record, densities(log));
@@ -300,10 +306,10 @@ ClockFit fit_clock(std::span<const double> phase_s, double dt_s, const ClockFitO
   out.correlation = walk_seen && white_seen ? errors.correlation : 0.0;
   out.log_likelihood = best.profile() - static_cast<double>(best.count) * (std::log(unit) + 0.5 * std::log(kTwoPi));
   if (!walk_seen) {
-    const double up_to = fallen_by_half(ratio, high, top, [&](double at) { return likelihood(at, log_phase); });
+    const double up_to = fallen_by_half(ratio, high, top, of_walk);
     out.sigma_h_minus_2 = of_g * density(log[0]) * std::exp(up_to);
   } else if (!white_seen) {
-    const double down_to = fallen_by_half(ratio, low, top, [&](double at) { return likelihood(at, log_phase); });
+    const double down_to = fallen_by_half(ratio, low, top, of_white);
     out.sigma_h0 = of_f * density(log[1]) * std::exp(-down_to);
   }
   return out;

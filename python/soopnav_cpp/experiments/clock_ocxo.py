@@ -64,7 +64,7 @@ def covered(seed: int) -> float:
     "clock-ocxo",
     title="Oscillators by their records: Allan deviation and fitted coefficients",
     source="two-state clocks, Brown and Hwang section 9.3; NIST SP 1065",
-    runs=20,
+    runs=10,
 )
 def oscillators(lab: Lab) -> Iterator[Claim]:
     """Every named oscillator, sampled where both of its noises show."""
@@ -101,11 +101,11 @@ def oscillators(lab: Lab) -> Iterator[Claim]:
             float(error[:, :, which].max()),
             at_most(0.1),
         )
-    # 240 squares of one degree of freedom: 1 with a deviation of 0.09.
+    # 120 squares, pairs of them correlated by a half: as good as 96, which leave this band once in 1e5.
     yield Claim(
         "mean square of the errors over the fit's own standard deviations",
         float(np.mean(((found[..., 0] - 1.0) / found[..., 1]) ** 2)),
-        band(0.6, 1.5),
+        band(0.5, 1.75),
     )
     yield Claim(
         f"share of {INTERVAL:.0%} intervals of the Allan deviation that hold the model's, all averaging times",

@@ -120,6 +120,14 @@ TEST(ClockFit, SaysWhatTheRecordDoesNotShow) {
   EXPECT_NEAR(walk.clock.h_minus_2 / 1e-22, 1.0, 0.1);
   EXPECT_LT(walk.clock.h0, 4.0 * walk.sigma_h0);
   EXPECT_GT(walk.sigma_h0, 0.0);
+  // Nor beside phase noise, to which white frequency noise could otherwise hide.
+  auto x = record({0.0, 1e-22}, 1.0, 5000, 3);
+  RandomStream random(4);
+  for (double& value : x) value += random.normal(0.0, 1e-10);
+  const ClockFit noisy = fit_clock(x, 1.0, {.phase_noise = true});
+  EXPECT_NEAR(noisy.clock.h_minus_2 / 1e-22, 1.0, 0.25);
+  EXPECT_NEAR(noisy.phase_noise_s / 1e-10, 1.0, 0.1);
+  EXPECT_LT(noisy.clock.h0, 4.0 * noisy.sigma_h0);
 }
 
 TEST(ClockFit, RefusesWhatIsNoRecord) {

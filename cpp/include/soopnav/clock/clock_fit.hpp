@@ -15,8 +15,8 @@ struct ClockFitOptions {
 /// A two-state clock that fits a record, with standard deviations from the curvature of the likelihood.
 ///
 /// A coefficient that the record does not show comes back as 0; its sigma is then the value up to which the record
-/// would hardly object (a log-likelihood lower by 1/2). `correlation` is that of the errors of log h0 and log h-2, 0
-/// then.
+/// would hardly object (a log-likelihood lower by 1/2). A sigma is infinite where a few phases do not bound it.
+/// `correlation` is that of the errors of log h0 and log h-2, 0 then.
 struct ClockFit {
   Oscillator clock{};            ///< h-1 is 0
   double sigma_h0 = 0.0;         ///< [s]
