@@ -58,6 +58,7 @@ def test_published_deviations(short):
 
 
 @recorded
+@pytest.mark.offair
 @pytest.mark.crosscheck
 def test_stable32_of_an_oscillator():
     """Every averaging time of the OCXO's record; Stable32 prints five digits."""
@@ -70,6 +71,7 @@ def test_stable32_of_an_oscillator():
 
 
 @recorded
+@pytest.mark.offair
 @pytest.mark.crosscheck
 def test_phase_file_is_the_suite_of_sp1065():
     """PHASE.DAT are the phases of the thousand frequencies, less their mean: the same deviations."""
@@ -235,6 +237,7 @@ def load_example():
 
 
 @recorded
+@pytest.mark.offair
 @pytest.mark.example
 def test_example_on_the_oscillator(tmp_path, capsys):
     example = load_example()
