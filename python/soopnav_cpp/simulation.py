@@ -1,5 +1,5 @@
-"""What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss; whole
-OFDM links; planar trajectories and what an inertial unit says along them.
+"""What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss;
+whole OFDM links; planar trajectories and what an inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.

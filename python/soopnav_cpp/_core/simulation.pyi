@@ -10,11 +10,11 @@ import soopnav_cpp._core.ofdm
 import typing
 
 __all__: list[str] = [
+    "BoundarySeries",
     "ImuErrorModel",
+    "OfdmLink",
     "PlanarTrajectory",
     "SensorErrorModel",
-    "BoundarySeries",
-    "OfdmLink",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",
@@ -209,6 +209,7 @@ class PlanarTrajectory:
     def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def yaw_rate_radps(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
 class BoundarySeries:
     """
     What the measured epochs of an OfdmLink gave, a row per epoch. Read-only.
