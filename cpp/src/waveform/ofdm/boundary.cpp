@@ -337,8 +337,9 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
   const double grid = static_cast<double>(kCoarseStep) / kFractions;
   const auto window = static_cast<double>(correlator_.window());
   const auto length = static_cast<double>(period);
+  // The spread where the grid resolves it, the curvature where it does not.
   const double variance =
-      spread + std::min(local, grid * grid) + variance_of_wrong_tops(rho, t.symbols * window, length, window);
+      std::max(spread, std::min(local, grid * grid)) + variance_of_wrong_tops(rho, t.symbols * window, length, window);
   out.boundary_samples = wrapped(static_cast<double>(top) + at / kFractions, length);
   out.sigma_samples = std::sqrt(std::min(variance, length * length / 12.0));
   out.snr_db = snr_db_of(rho);
