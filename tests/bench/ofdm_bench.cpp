@@ -62,7 +62,12 @@ void correlator_double_sum(benchmark::State& state) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(iq.size()));
 }
 
-BENCHMARK(correlator_folded)->ArgNames({"oversampling", "energy"})->Args({1, 0})->Args({1, 1})->Args({15, 0})->Args({15, 1});
+BENCHMARK(correlator_folded)
+    ->ArgNames({"oversampling", "energy"})
+    ->Args({1, 0})
+    ->Args({1, 1})
+    ->Args({15, 0})
+    ->Args({15, 1});
 BENCHMARK(correlator_double_sum)->ArgName("oversampling")->Arg(1)->Arg(15)->Unit(benchmark::kMicrosecond);
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "waveform/ofdm/kernels.hpp"
 #include "waveform/ofdm/require.hpp"
@@ -90,7 +91,12 @@ BoundaryStatus CyclicPrefixCorrelator::fold(IqSpan iq, bool with_energy) noexcep
     const auto folded = [&](std::size_t i) {
       return i < columns_ ? power_[i] : power_[i - columns_] - square(y[i - columns_]) + square(end[i - columns_]);
     };
-    for (std::size_t i = 0; i < energies_.size(); ++i) energies_[i] = folded(i) + folded(i + lag_);
+    double most = 0.0;
+    for (std::size_t i = 0; i < energies_.size(); ++i) {
+      energies_[i] = folded(i) + folded(i + lag_);
+      most = std::max(most, energies_[i]);
+    }
+    if (!(most < static_cast<double>(std::numeric_limits<float>::max()))) return BoundaryStatus::kNonFinite;
   }
   // What is not finite stays in the running sum up to its end.
   if (!std::isfinite(sum.real()) || !std::isfinite(sum.imag())) return BoundaryStatus::kNonFinite;
