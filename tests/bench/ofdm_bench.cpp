@@ -1,12 +1,15 @@
-// The cyclic-prefix correlator over 250 symbols against the double sum of crosby (2.5) as printed. Items are samples.
+// The cyclic-prefix correlator over 250 symbols against the double sum of crosby (2.5) as printed, and what boundaries
+// between samples cost beside it. Items are samples.
 
 #include <benchmark/benchmark.h>
 
 #include <complex>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "soopnav/core/random.hpp"
+#include "soopnav/waveform/ofdm/boundary.hpp"
 #include "soopnav/waveform/ofdm/correlator.hpp"
 #include "soopnav/waveform/ofdm/synthesis.hpp"
 
@@ -62,6 +65,13 @@ void correlator_double_sum(benchmark::State& state) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(iq.size()));
 }
 
+void boundary(benchmark::State& state) {
+  const auto iq = capture(1);
+  ofdm::BoundaryEstimator estimator({}, kSymbols, 1, {static_cast<ofdm::BoundaryMethod>(state.range(0)), std::nullopt});
+  for (auto _ : state) benchmark::DoNotOptimize(estimator.estimate(iq));
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(iq.size()));
+}
+
 BENCHMARK(correlator_folded)
     ->ArgNames({"oversampling", "energy"})
     ->Args({1, 0})
@@ -69,5 +79,7 @@ BENCHMARK(correlator_folded)
     ->Args({15, 0})
     ->Args({15, 1});
 BENCHMARK(correlator_double_sum)->ArgName("oversampling")->Arg(1)->Arg(15)->Unit(benchmark::kMicrosecond);
+
+BENCHMARK(boundary)->ArgName("method")->Arg(0)->Arg(1)->Arg(2);
 
 }  // namespace
