@@ -291,12 +291,14 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
     t.prepare(0, fraction, rho_at(fraction));
     return t.likelihood(0, shifted / kFractions - 4);
   };
-  constexpr int kHalf = 4;
+  constexpr int kHalf = 3;
   std::array<double, 2 * kHalf + 1> around{}, about_coarse{};
   const int coarse_at = best_at;
   std::size_t peak = 0;
+  const bool clean = rho_at(static_cast<std::size_t>((best_at + 4 * kFractions) % kFractions)) > kSmoothRho;
   for (const int step : {kCoarseStep, 1}) {
-    about_coarse = around;  // what the last round leaves here is the first one's
+    if (step > 1 && !clean) continue;  // the coarse round saw the noise as it is
+    about_coarse = around;             // what the last round leaves here is the first one's
     peak = 0;
     for (std::size_t i = 0; i < around.size(); ++i) {
       around[i] = at_fraction(best_at + step * (static_cast<int>(i) - kHalf));
@@ -322,7 +324,7 @@ void BoundaryEstimator::interpolate(std::size_t top, double phase, Boundary& out
     weight_sum += weight;
     square_sum += weight * away * away;
   };
-  if (rho > kSmoothRho) {
+  if (clean) {
     const double most = *std::max_element(about_coarse.begin(), about_coarse.end());
     for (std::size_t i = 0; i < about_coarse.size(); ++i) {
       add_weight(most - about_coarse[i], coarse_at + kCoarseStep * (static_cast<double>(i) - kHalf) - at);

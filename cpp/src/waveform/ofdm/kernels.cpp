@@ -42,6 +42,7 @@ SOOPNAV_INLINE void fold_strip(const float* y, std::size_t rows, std::size_t str
       WideLanes a, b;
       load(a, y + u * kWideFloats);
       load(b, y + lag + u * kWideFloats);
+      __builtin_prefetch(y + kMinRows * stride + u * kWideFloats);  // long rows: the next block's
       s[u] += a * b;
       w[u] += a * __builtin_shufflevector(b, b, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14);
       if constexpr (kPower) p[u] += a * a;
