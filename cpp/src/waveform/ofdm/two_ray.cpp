@@ -21,8 +21,8 @@ constexpr double kMaxReach = 8.0;
 constexpr std::array kShares{0.111, 0.25, 0.4, 0.5, 0.6, 0.7, 0.857};
 // What the spread of the likelihood is too narrow by: pairs are dependent, and the template leaves the rays' cross-term
 // out (doc/ofdm.md, after eq. 17; measured over reflections of strength 1 to 1.5 and of any phase).
-constexpr double kFlattening = 4.0;
-constexpr double kWantedRatio = 25.0;
+constexpr double kFlattening = 2.0;
+constexpr double kWantedRatio = 50.0;
 
 }  // namespace
 
