@@ -65,20 +65,24 @@ struct Series {
 void register_ofdm_link(py::module_& m) {
   py::class_<Series>(m, "BoundarySeries", "What the measured epochs of an OfdmLink gave, a row per epoch. Read-only.")
       .def_property_readonly(
-          "range_m", [](py::object self) { return view_array<double>(self.cast<const Series&>().rows.range_m, self); },
+          "range_m",
+          [](const py::object& self) { return view_array<double>(self.cast<const Series&>().rows.range_m, self); },
           "In 0 ... ambiguity, shape (epochs,).")
       .def_property_readonly(
-          "sigma_m", [](py::object self) { return view_array<double>(self.cast<const Series&>().rows.sigma_m, self); },
+          "sigma_m",
+          [](const py::object& self) { return view_array<double>(self.cast<const Series&>().rows.sigma_m, self); },
           "Standard deviation of each, reflections not counted; shape (epochs,).")
       .def_property_readonly(
-          "metric", [](py::object self) { return view_array<double>(self.cast<const Series&>().rows.metric, self); },
+          "metric",
+          [](const py::object& self) { return view_array<double>(self.cast<const Series&>().rows.metric, self); },
           "|gamma| / Phi at the boundary, shape (epochs,).")
       .def_property_readonly(
-          "status", [](py::object self) { return view_array<std::uint8_t>(self.cast<const Series&>().status, self); },
+          "status",
+          [](const py::object& self) { return view_array<std::uint8_t>(self.cast<const Series&>().status, self); },
           "Values of ofdm.BoundaryStatus, shape (epochs,), uint8.")
       .def_property_readonly(
           "folded",
-          [](py::object self) -> std::optional<py::array_t<double>> {
+          [](const py::object& self) -> std::optional<py::array_t<double>> {
             const auto& series = self.cast<const Series&>();
             if (series.width == 0) return std::nullopt;
             return view_array<double>(

@@ -35,8 +35,10 @@ struct TwoRayOptions {
 /// delta is sought within `reach_samples` of the prediction, tau about the correlator's top and about the top beside
 /// the predicted ray, A^2 from 1/8 to 6, first without the cross-term x; then all four in turn, to 1/16 sample. The
 /// range is the mean, sigma the spread, of the likelihood over delta with the others profiled, flattened for dependent
-/// pairs, and a floor. The prediction picks the window and nothing more: the range does not lean on it. One call takes
-/// some thousand sums over M; it allocates nothing. One object serves one thread at a time.
+/// pairs, and a floor. The prediction picks the window and nothing more: the range does not lean on it. Rays N or 2 N
+/// samples apart (959 m, 1919 m by default) also correlate with each other's prefix, which the model leaves out: within
+/// about half a sample of that the range may err up to the reach. One call takes some thousand sums over M; it
+/// allocates nothing. One object serves one thread at a time.
 class TwoRayTiming {
  public:
   /// @throws std::invalid_argument for a bad numerology, symbols outside 1 .. 2^20, more than 256 samples per symbol,
