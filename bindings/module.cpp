@@ -10,6 +10,7 @@ PYBIND11_MODULE(_core, m) {
   auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
+  auto inertial = m.def_submodule("inertial", "Inertial navigation: increments, mechanisation, alignment, rest.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
   auto measurement = m.def_submodule("measurement", "Measurement models.");
   auto ofdm = m.def_submodule("ofdm", "OFDM: symbols, cyclic-prefix correlator, blind symbol boundaries.");
@@ -30,11 +31,15 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_multiple_model(estimation);
   soopnav::python::register_particle(estimation);
   soopnav::python::register_geometry(geometry);
+  soopnav::python::register_gravity(geometry);
+  soopnav::python::register_inertial(inertial);
   soopnav::python::register_lte(lte);
   soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_trajectory(simulation);
+  soopnav::python::register_spatial_trajectory(simulation);
   soopnav::python::register_ofdm_link(simulation);
   soopnav::python::register_navigation(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
+  soopnav::python::register_strapdown(navigation);
 }

@@ -13,6 +13,8 @@ void register_estimation_bounds(pybind11::module_& module);
 void register_estimation_linear(pybind11::module_& module);
 void register_fixed_lag(pybind11::module_& module);
 void register_geometry(pybind11::module_& module);
+void register_gravity(pybind11::module_& module);
+void register_inertial(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
 void register_kalman_report(pybind11::module_& module);
 void register_lte(pybind11::module_& module);
@@ -25,6 +27,8 @@ void register_ofdm_link(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);
+void register_spatial_trajectory(pybind11::module_& module);
+void register_strapdown(pybind11::module_& module);
 void register_trajectory(pybind11::module_& module);
 
 }  // namespace soopnav::python

@@ -12,6 +12,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.process`   process models for filters
 `soopnav_cpp.clock`     oscillators, Allan deviations, fits
 `soopnav_cpp.geometry`  Earth, local frames, directions
+`soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
 `soopnav_cpp.plotting`  figures
@@ -29,6 +30,7 @@ from soopnav_cpp import (
     dsp,
     estimation,
     geometry,
+    inertial,
     io,
     lte,
     measurement,
@@ -44,6 +46,7 @@ __all__ = [
     "dsp",
     "estimation",
     "geometry",
+    "inertial",
     "io",
     "lte",
     "measurement",

@@ -12,7 +12,21 @@ import numpy.typing as npt
 from soopnav_cpp._core import geometry as _geometry
 from soopnav_cpp._core.geometry import LocalAxes
 
-__all__ = ["LocalAxes", "LocalFrame", "direction_enu", "ecef_to_geodetic", "geodetic_to_ecef"]
+__all__ = [
+    "LocalAxes",
+    "LocalFrame",
+    "direction_enu",
+    "earth_rate_ned",
+    "ecef_to_geodetic",
+    "geodetic_to_ecef",
+    "j2_gravitation_ecef",
+    "meridian_radius",
+    "normal_gravity_ecef",
+    "normal_gravity_ned",
+    "normal_gravity_surface",
+    "prime_vertical_radius",
+    "transport_rate_ned",
+]
 
 _Array = npt.NDArray[np.float64]
 
@@ -88,6 +102,73 @@ def direction_enu(from_enu_m: npt.ArrayLike, to_enu_m: npt.ArrayLike) -> tuple[_
         np.broadcast_to(end.reshape(*end_shape, 3), (*shape, 3)).reshape(-1, 3),
     )
     return seen[:, 0].reshape(shape), seen[:, 1].reshape(shape), seen[:, 2].reshape(shape)
+
+
+def normal_gravity_ned(latitude_rad: npt.ArrayLike, height_m: npt.ArrayLike) -> _Array:
+    """Normal gravity of the ellipsoid, exact in closed form, along north, east and down [m/s²].
+
+    Parameters
+    ----------
+    latitude_rad, height_m : array_like, shape (...)
+
+    Returns
+    -------
+    ndarray, shape (..., 3), float64
+        Down is positive; north is not zero above the ellipsoid, for the plumb line bends.
+    """
+    latitude, height = np.broadcast_arrays(latitude_rad, height_m)
+    table = np.stack([latitude, height], axis=-1, dtype=np.float64).reshape(-1, 2)
+    return _geometry.normal_gravity_ned(table).reshape(*latitude.shape, 3)
+
+
+def normal_gravity_ecef(p_e: npt.ArrayLike) -> _Array:
+    """Normal gravity, gravitation and centrifugal, at ECEF positions of shape (..., 3) [m/s²], ECEF."""
+    table, shape = _vectors("p_e", p_e)
+    return _geometry.normal_gravity_ecef(table).reshape(*shape, 3)
+
+
+def j2_gravitation_ecef(p_e: npt.ArrayLike, j2: float = 1.082629821e-3) -> _Array:
+    """Gravitation of a point mass with J2 at ECEF positions of shape (..., 3) [m/s²], without the centrifugal part."""
+    table, shape = _vectors("p_e", p_e)
+    return _geometry.j2_gravitation_ecef(table, j2).reshape(*shape, 3)
+
+
+def normal_gravity_surface(latitude_rad: npt.ArrayLike) -> _Array:
+    """Somigliana's normal gravity on the ellipsoid [m/s²], for latitudes of any shape."""
+    latitude = np.asarray(latitude_rad, dtype=np.float64)
+    return _geometry.normal_gravity_surface(latitude.reshape(-1)).reshape(latitude.shape)
+
+
+def meridian_radius(latitude_rad: npt.ArrayLike) -> _Array:
+    """Radius of curvature in the meridian, M [m], for latitudes of any shape."""
+    latitude = np.asarray(latitude_rad, dtype=np.float64)
+    return _geometry.meridian_radius(latitude.reshape(-1)).reshape(latitude.shape)
+
+
+def prime_vertical_radius(latitude_rad: npt.ArrayLike) -> _Array:
+    """Radius of curvature in the prime vertical, N [m], for latitudes of any shape."""
+    latitude = np.asarray(latitude_rad, dtype=np.float64)
+    return _geometry.prime_vertical_radius(latitude.reshape(-1)).reshape(latitude.shape)
+
+
+def earth_rate_ned(latitude_rad: npt.ArrayLike) -> _Array:
+    """The Earth's rate along north, east and down [rad/s], shape (..., 3), at latitudes of shape (...)."""
+    latitude = np.asarray(latitude_rad, dtype=np.float64)
+    return _geometry.earth_rate_ned(latitude.reshape(-1, 1)).reshape(*latitude.shape, 3)
+
+
+def transport_rate_ned(latitude_rad: npt.ArrayLike, height_m: npt.ArrayLike, v_n_mps: npt.ArrayLike) -> _Array:
+    """Rate of the moving north-east-down frame relative to the Earth [rad/s], shape (..., 3).
+
+    Parameters
+    ----------
+    latitude_rad, height_m : array_like, shape (...)
+    v_n_mps : array_like, shape (..., 3)
+        North, east, down.
+    """
+    velocity, shape = _vectors("v_n_mps", v_n_mps)
+    rows = [np.broadcast_to(np.asarray(a, dtype=np.float64), shape).reshape(-1, 1) for a in (latitude_rad, height_m)]
+    return _geometry.transport_rate_ned(np.hstack([*rows, velocity])).reshape(*shape, 3)
 
 
 class LocalFrame:

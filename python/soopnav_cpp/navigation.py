@@ -14,6 +14,7 @@ from soopnav_cpp._ofdm_inertial import (
     PlanarStart,
     RangeChanges,
 )
+from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownStart, strapdown_errors
 
 __all__ = [
     "FixStatus",
@@ -25,7 +26,11 @@ __all__ = [
     "PlanarStart",
     "PositionFix",
     "RangeChanges",
+    "StrapdownNavigator",
+    "StrapdownRun",
+    "StrapdownStart",
     "position_fix",
+    "strapdown_errors",
 ]
 
 

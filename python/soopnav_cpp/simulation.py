@@ -1,5 +1,5 @@
 """What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss;
-whole OFDM links; planar trajectories and what an inertial unit says along them.
+whole OFDM links; trajectories, planar and in three dimensions, and what an inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.
@@ -14,16 +14,20 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
+from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
 __all__ = [
     "BoundarySeries",
     "ImuErrorModel",
     "OfdmLink",
+    "Oscillation",
     "PlanarImuSeries",
     "PlanarMotion",
     "PlanarTrajectory",
     "SensorErrorModel",
+    "SpatialMotion",
+    "SpatialTrajectory",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",

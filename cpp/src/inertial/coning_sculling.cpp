@@ -66,7 +66,14 @@ ImuIncrement ConingSculling::two_sample(const ImuIncrement& first, const ImuIncr
 void ConingSculling::correct_all(std::span<ImuIncrement> increments, int previous) {
   ConingSculling corrector(previous);
   const auto n = static_cast<std::size_t>(previous);
-  if (increments.size() <= n) {
+  // Looking ahead is for starts that are whole.
+  const bool whole = increments.size() > 2 * n && [&] {
+    for (const ImuIncrement& u : increments.first(2 * n)) {
+      if (!u.all_finite()) return false;
+    }
+    return true;
+  }();
+  if (!whole) {
     for (ImuIncrement& u : increments) u = corrector.correct(u);
     return;
   }

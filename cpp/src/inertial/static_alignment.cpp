@@ -47,7 +47,8 @@ Alignment static_alignment(const Eigen::Vector3d& mean_force_b_mps2, const Eigen
   check(duration_s, place, errors, heading);
   Alignment out;
   if (!mean_force_b_mps2.allFinite() || !mean_rate_b_radps.allFinite()) return out;
-  const double g = geometry::normal_gravity_ned(place.latitude_rad, place.height_m).norm();
+  const Eigen::Vector3d gravity = geometry::normal_gravity_ned(place.latitude_rad, place.height_m);
+  const double g = gravity.norm();
   const double force = mean_force_b_mps2.norm();
   if (std::abs(force - g) > 0.05 * g) {
     out.status = AlignmentStatus::kNotAtRest;
@@ -108,6 +109,8 @@ Alignment static_alignment(const Eigen::Vector3d& mean_force_b_mps2, const Eigen
     out.status = has_north ? AlignmentStatus::kNoHeading : AlignmentStatus::kNearPole;
     return out;
   }
+  // What was levelled is the plumb line, which above the ellipsoid leans from its normal.
+  T_n_b = geometry::rotation_from_euler({0.0, std::atan2(gravity.x(), gravity.z()), 0.0}) * T_n_b;
   out.q_n_b = geometry::quaternion_from_rotation(T_n_b);
   Eigen::Matrix3d P = force_sigma * force_sigma * by_force * by_force.transpose() +
                       rate_sigma * rate_sigma * by_rate * by_rate.transpose();

@@ -39,7 +39,7 @@ class ConingSculling {
   [[nodiscard]] static ImuIncrement two_sample(const ImuIncrement& first, const ImuIncrement& second) noexcept;
 
   /// A whole recording at once, in place. Its first samples use the later ones instead of the earlier, so that the
-  /// start is as good as the rest. Shorter than `previous` + 1 samples: as `correct`.
+  /// start is as good as the rest. Up to 2 `previous` samples, or one of the first that is not finite: as `correct`.
   static void correct_all(std::span<ImuIncrement> increments, int previous = kMaxPrevious);
 
  private:
