@@ -78,7 +78,7 @@ struct PyRun {
 
 template <auto Member>
 auto field(std::initializer_list<py::ssize_t> columns) {
-  return [shape = std::vector<py::ssize_t>(columns)](py::object self) {
+  return [shape = std::vector<py::ssize_t>(columns)](const py::object& self) {
     const auto& me = self.cast<const PyRun&>();
     const auto& values = me.run.*Member;
     std::vector<py::ssize_t> full{me.records};
@@ -90,7 +90,7 @@ auto field(std::initializer_list<py::ssize_t> columns) {
 
 template <auto Member>
 auto epoch_field() {
-  return [](py::object self) {
+  return [](const py::object& self) {
     const auto& me = self.cast<const PyRun&>();
     const auto& values = me.run.*Member;
     using T = typename std::remove_cvref_t<decltype(values)>::value_type;
@@ -246,7 +246,7 @@ void register_strapdown(py::module_& m) {
                              "Standard deviations of the 15 error states; shape (r, 15).")
       .def_property_readonly(
           "covariance",
-          [](py::object self) -> py::object {
+          [](const py::object& self) -> py::object {
             const auto& me = self.cast<const PyRun&>();
             if (me.run.covariance.empty()) return py::none();
             return view_array<double>({me.run.covariance.data(), me.run.covariance.size()}, self, {me.records, 15, 15});
@@ -261,7 +261,7 @@ void register_strapdown(py::module_& m) {
                              "UpdateStatus as numbers; shape (e, transmitters).")
       .def_property_readonly(
           "imu_status",
-          [](py::object self) {
+          [](const py::object& self) {
             const auto& values = self.cast<const PyRun&>().run.imu_status;
             return view_array<std::uint8_t>({values.data(), values.size()}, self);
           },

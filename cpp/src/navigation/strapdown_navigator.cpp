@@ -73,7 +73,8 @@ void record(double t_s, const StrapdownNavigator::State& x, const StrapdownNavig
 
 }  // namespace
 
-StrapdownNavigator::StrapdownNavigator(const geometry::Geodetic& origin, std::vector<Eigen::Vector3d> transmitters_m,
+StrapdownNavigator::StrapdownNavigator(const geometry::Geodetic& origin,
+                                       const std::vector<Eigen::Vector3d>& transmitters_m,
                                        const Eigen::Vector3d& reference_m, double start_s, const State& x0,
                                        const Filter::Square& P0, const StrapdownOptions& options)
     : options_(checked(options)),

@@ -142,15 +142,15 @@ class StrapdownMechanization {
     if constexpr (Y::kJacobian) {
       // doc/strapdown.md eq. 27-32
       const Matrix3d I = Matrix3d::Identity();
-      const Matrix3d Omega = geometry::skew(omega_ie_);
+      const Matrix3d wx = geometry::skew(omega_ie_);
       const Matrix3d gradient = geometry::gravity_gradient(origin_ + p_mid, omega_ie_);
-      const Matrix3d LC = C - 1.5 * dt_s * (Omega * C);
+      const Matrix3d LC = C - 1.5 * dt_s * (wx * C);
       const Matrix3d v_q = -LC * geometry::skew(s);
       const Matrix3d v_force = -LC * J;
       const Matrix3d v_gyro = -LC * rotation.slope(phi, d);
       const Matrix3d half_g = 0.5 * dt_s * gradient;
-      const Matrix3d v_v = dt_s * half_g - 2.0 * dt_s * Omega * (I + 0.5 * dt_s * (half_g - 2.0 * Omega));
-      const Matrix3d v_p = dt_s * (gradient - dt_s * Omega * gradient);
+      const Matrix3d v_v = dt_s * half_g - 2.0 * dt_s * wx * (I + 0.5 * dt_s * (half_g - 2.0 * wx));
+      const Matrix3d v_p = dt_s * (gradient - dt_s * wx * gradient);
       const double half = 0.5 * dt_s;
       // exp(-phi) and the right Jacobian of phi, which is J transposed.
       y.transition(kAttitude, kAttitude) = I - J.transpose() * geometry::skew(phi);

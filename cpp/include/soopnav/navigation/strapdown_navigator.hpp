@@ -101,7 +101,7 @@ class StrapdownNavigator {
 
   /// Throws std::invalid_argument for transmitters or a reference that are not finite, options outside their ranges, a
   /// start that is not finite and a covariance that is none.
-  StrapdownNavigator(const geometry::Geodetic& origin, std::vector<Eigen::Vector3d> transmitters_m,
+  StrapdownNavigator(const geometry::Geodetic& origin, const std::vector<Eigen::Vector3d>& transmitters_m,
                      const Eigen::Vector3d& reference_m, double start_s, const State& x0, const Filter::Square& P0,
                      const StrapdownOptions& options);
 
