@@ -6,7 +6,10 @@
 #include <array>
 #include <cstdint>
 #include <cstdio>
+#include <functional>
+#include <limits>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,8 +35,8 @@ using inertial::ImuStatus;
 using inertial::IntegrationStatus;
 
 // Rows of three numbers from rows of a table.
-template <class Make>
-py::array_t<double> three_each(const TableBase& table, std::size_t columns, const char* name, const Make& make) {
+py::array_t<double> three_each(const TableBase& table, std::size_t columns, const char* name,
+                               const std::function<Eigen::Vector3d(std::span<const double>)>& make) {
   require_columns(table, columns, name);
   std::vector<double> out;
   out.reserve(3 * table.rows());
@@ -41,8 +44,7 @@ py::array_t<double> three_each(const TableBase& table, std::size_t columns, cons
   return to_array(std::move(out), {static_cast<py::ssize_t>(table.rows()), 3});
 }
 
-template <class Make>
-py::array_t<double> one_each(const RealArrayBase& values, const Make& make) {
+py::array_t<double> one_each(const RealArrayBase& values, double (*make)(double)) {
   std::vector<double> out(values.size());
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = make(values[i]);
   return to_array(std::move(out));

@@ -2,6 +2,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -76,25 +77,25 @@ struct PyRun {
   py::ssize_t records = 0, epochs = 0, transmitters = 0;
 };
 
-template <auto Member>
-auto field(std::initializer_list<py::ssize_t> columns) {
-  return [shape = std::vector<py::ssize_t>(columns)](const py::object& self) {
-    const auto& me = self.cast<const PyRun&>();
-    const auto& values = me.run.*Member;
-    std::vector<py::ssize_t> full{me.records};
-    full.insert(full.end(), shape.begin(), shape.end());
-    using T = typename std::remove_cvref_t<decltype(values)>::value_type;
-    return view_array<T>({values.data(), values.size()}, self, std::move(full));
-  };
-}
+// Which rows a field has.
+enum class Rows : std::uint8_t { kRecords, kEpochs, kSamples };
 
-template <auto Member>
-auto epoch_field() {
-  return [](const py::object& self) {
+// A field as a read-only array. One type for all of them: each costs a wrapper of its own otherwise.
+template <class T>
+py::cpp_function field(std::vector<T> StrapdownRun::*member, Rows rows, std::vector<py::ssize_t> columns = {}) {
+  return [member, rows, columns = std::move(columns)](const py::object& self) -> py::array_t<T> {
     const auto& me = self.cast<const PyRun&>();
-    const auto& values = me.run.*Member;
-    using T = typename std::remove_cvref_t<decltype(values)>::value_type;
-    return view_array<T>({values.data(), values.size()}, self, {me.epochs, me.transmitters});
+    const auto& values = me.run.*member;
+    std::vector<py::ssize_t> shape;
+    if (rows == Rows::kRecords) {
+      shape.push_back(me.records);
+    } else if (rows == Rows::kEpochs) {
+      shape = {me.epochs, me.transmitters};
+    } else {
+      shape.push_back(static_cast<py::ssize_t>(values.size()));
+    }
+    shape.insert(shape.end(), columns.begin(), columns.end());
+    return view_array<T>({values.data(), values.size()}, self, std::move(shape));
   };
 }
 
@@ -233,39 +234,35 @@ void register_strapdown(py::module_& m) {
         "Errors of 15 states, truth = estimate moved by the error; rows of 16 numbers each.");
   m.def("strapdown_retract", &retract, py::arg("states"), py::arg("errors"), "States moved by errors of 15 states.");
   py::class_<PyRun>(m, "StrapdownRun", "What came of a run of a StrapdownNavigator. Read-only.")
-      .def_property_readonly("t_s", field<&StrapdownRun::t_s>({}), "Times of the records; shape (r,).")
-      .def_property_readonly("position_m", field<&StrapdownRun::position_m>({3}),
+      .def_property_readonly("t_s", field(&StrapdownRun::t_s, Rows::kRecords), "Times of the records; shape (r,).")
+      .def_property_readonly("position_m", field(&StrapdownRun::position_m, Rows::kRecords, {3}),
                              "North, east, down of the origin; shape (r, 3).")
-      .def_property_readonly("velocity_mps", field<&StrapdownRun::velocity_mps>({3}), "Shape (r, 3).")
-      .def_property_readonly("quaternion", field<&StrapdownRun::quaternion>({4}),
+      .def_property_readonly("velocity_mps", field(&StrapdownRun::velocity_mps, Rows::kRecords, {3}), "Shape (r, 3).")
+      .def_property_readonly("quaternion", field(&StrapdownRun::quaternion, Rows::kRecords, {4}),
                              "w, x, y, z, body to north-east-down; shape (r, 4).")
-      .def_property_readonly("gyro_bias_radps", field<&StrapdownRun::gyro_bias_radps>({3}), "Shape (r, 3).")
-      .def_property_readonly("accelerometer_bias_mps2", field<&StrapdownRun::accelerometer_bias_mps2>({3}),
+      .def_property_readonly("gyro_bias_radps", field(&StrapdownRun::gyro_bias_radps, Rows::kRecords, {3}),
                              "Shape (r, 3).")
-      .def_property_readonly("sigma", field<&StrapdownRun::sigma>({15}),
+      .def_property_readonly("accelerometer_bias_mps2",
+                             field(&StrapdownRun::accelerometer_bias_mps2, Rows::kRecords, {3}), "Shape (r, 3).")
+      .def_property_readonly("sigma", field(&StrapdownRun::sigma, Rows::kRecords, {15}),
                              "Standard deviations of the 15 error states; shape (r, 15).")
       .def_property_readonly(
           "covariance",
-          [](const py::object& self) -> py::object {
+          [](const py::object& self) -> std::optional<py::array_t<double>> {
             const auto& me = self.cast<const PyRun&>();
-            if (me.run.covariance.empty()) return py::none();
+            if (me.run.covariance.empty()) return std::nullopt;
             return view_array<double>({me.run.covariance.data(), me.run.covariance.size()}, self, {me.records, 15, 15});
           },
           "Shape (r, 15, 15), or None where it was not asked for.")
-      .def_property_readonly("innovation_m", epoch_field<&StrapdownRun::innovation_m>(),
+      .def_property_readonly("innovation_m", field(&StrapdownRun::innovation_m, Rows::kEpochs),
                              "Measured minus predicted; NaN where there was none; shape (e, transmitters).")
-      .def_property_readonly("innovation_sigma_m", epoch_field<&StrapdownRun::innovation_sigma_m>(),
+      .def_property_readonly("innovation_sigma_m", field(&StrapdownRun::innovation_sigma_m, Rows::kEpochs),
                              "Its standard deviation; shape (e, transmitters).")
-      .def_property_readonly("nis", epoch_field<&StrapdownRun::nis>(), "Shape (e, transmitters).")
-      .def_property_readonly("update_status", epoch_field<&StrapdownRun::update_status>(),
+      .def_property_readonly("nis", field(&StrapdownRun::nis, Rows::kEpochs), "Shape (e, transmitters).")
+      .def_property_readonly("update_status", field(&StrapdownRun::update_status, Rows::kEpochs),
                              "UpdateStatus as numbers; shape (e, transmitters).")
-      .def_property_readonly(
-          "imu_status",
-          [](const py::object& self) {
-            const auto& values = self.cast<const PyRun&>().run.imu_status;
-            return view_array<std::uint8_t>({values.data(), values.size()}, self);
-          },
-          "ImuStatus of each sample, as numbers; shape (n,).")
+      .def_property_readonly("imu_status", field(&StrapdownRun::imu_status, Rows::kSamples),
+                             "ImuStatus of each sample, as numbers; shape (n,).")
       .def_property_readonly(
           "zero_velocity_updates", [](const PyRun& self) { return self.run.zero_velocity_updates; },
           "Zero-velocity updates taken in.")
