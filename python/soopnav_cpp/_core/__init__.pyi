@@ -7,6 +7,7 @@ from . import clock
 from . import dsp
 from . import estimation
 from . import geometry
+from . import inertial
 from . import lte
 from . import measurement
 from . import ofdm
@@ -19,6 +20,7 @@ __all__: list[str] = [
     "dsp",
     "estimation",
     "geometry",
+    "inertial",
     "lte",
     "measurement",
     "navigation",

@@ -10,7 +10,17 @@ import numpy.typing
 import soopnav_cpp._core.estimation
 import typing
 
-__all__: list[str] = ["FixStatus", "NodeUse", "OfdmInertialNavigator", "PositionFix", "position_fix"]
+__all__: list[str] = [
+    "FixStatus",
+    "NodeUse",
+    "OfdmInertialNavigator",
+    "PositionFix",
+    "StrapdownNavigator",
+    "StrapdownRun",
+    "position_fix",
+    "strapdown_local",
+    "strapdown_retract",
+]
 
 class FixStatus(enum.Enum):
     """
@@ -252,6 +262,131 @@ class OfdmInertialNavigator:
         The states; shape (n,).
         """
 
+class StrapdownRun:
+    """
+    What came of a run of a StrapdownNavigator. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def accelerometer_bias_mps2(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (r, 3).
+        """
+    @property
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64] | None:
+        """
+        Shape (r, 15, 15), or None where it was not asked for.
+        """
+    @property
+    def gyro_bias_radps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (r, 3).
+        """
+    @property
+    def imu_status(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        ImuStatus of each sample, as numbers; shape (n,).
+        """
+    @property
+    def innovation_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Measured minus predicted; NaN where there was none; shape (e, transmitters).
+        """
+    @property
+    def innovation_sigma_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Its standard deviation; shape (e, transmitters).
+        """
+    @property
+    def nis(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (e, transmitters).
+        """
+    @property
+    def position_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        North, east, down of the origin; shape (r, 3).
+        """
+    @property
+    def quaternion(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        w, x, y, z, body to north-east-down; shape (r, 4).
+        """
+    @property
+    def sigma(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Standard deviations of the 15 error states; shape (r, 15).
+        """
+    @property
+    def t_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Times of the records; shape (r,).
+        """
+    @property
+    def update_status(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        UpdateStatus as numbers; shape (e, transmitters).
+        """
+    @property
+    def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (r, 3).
+        """
+    @property
+    def zero_velocity_updates(self) -> int:
+        """
+        Zero-velocity updates taken in.
+        """
+
+class StrapdownNavigator:
+    """
+    Inertial navigation aided by range changes.
+    """
+    def __init__(
+        self,
+        transmitters_m: numpy.typing.ArrayLike,
+        *,
+        origin: numpy.typing.ArrayLike,
+        reference_m: numpy.typing.ArrayLike,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        quaternion: numpy.typing.ArrayLike,
+        velocity_mps: numpy.typing.ArrayLike,
+        position_m: numpy.typing.ArrayLike,
+        gyro_bias_radps: numpy.typing.ArrayLike,
+        accelerometer_bias_mps2: numpy.typing.ArrayLike,
+        covariance: numpy.typing.ArrayLike,
+        noise: numpy.typing.ArrayLike,
+        period_s: typing.SupportsFloat | typing.SupportsIndex,
+        gap_periods: typing.SupportsFloat | typing.SupportsIndex,
+        gyro_range_radps: typing.SupportsFloat | typing.SupportsIndex,
+        accelerometer_range_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        gap_rate_sigma_radps: typing.SupportsFloat | typing.SupportsIndex,
+        gap_acceleration_sigma_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        coning_samples: typing.SupportsInt | typing.SupportsIndex,
+        range_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        ambiguity_m: typing.SupportsFloat | typing.SupportsIndex,
+        gate_sigmas: typing.SupportsFloat | typing.SupportsIndex,
+        gate_floor_m: typing.SupportsFloat | typing.SupportsIndex,
+        zero_velocity: numpy.typing.ArrayLike | None,
+        zero_velocity_sigma_mps: typing.SupportsFloat | typing.SupportsIndex,
+        hold_heading: bool,
+        zero_rate_sigma_radps: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def run(
+        self,
+        t_s: numpy.typing.ArrayLike,
+        delta_theta_b: numpy.typing.ArrayLike,
+        delta_velocity_b: numpy.typing.ArrayLike,
+        *,
+        epochs_s: numpy.typing.ArrayLike,
+        range_changes_m: numpy.typing.ArrayLike,
+        record_every: typing.SupportsInt | typing.SupportsIndex,
+        covariance: bool,
+    ) -> StrapdownRun:
+        """
+        A whole run; the navigator stays as it is.
+        """
+
 def position_fix(
     nodes_enu_m: numpy.typing.ArrayLike,
     toas_s: numpy.typing.ArrayLike,
@@ -269,4 +404,18 @@ def position_fix(
 ) -> PositionFix:
     """
     Position and receiver clock from times of arrival.
+    """
+
+def strapdown_local(
+    estimates: numpy.typing.ArrayLike, truths: numpy.typing.ArrayLike
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Errors of 15 states, truth = estimate moved by the error; rows of 16 numbers each.
+    """
+
+def strapdown_retract(
+    states: numpy.typing.ArrayLike, errors: numpy.typing.ArrayLike
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    States moved by errors of 15 states.
     """

@@ -6,6 +6,7 @@ from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
+import soopnav_cpp._core.geometry
 import soopnav_cpp._core.ofdm
 import typing
 
@@ -15,6 +16,7 @@ __all__: list[str] = [
     "OfdmLink",
     "PlanarTrajectory",
     "SensorErrorModel",
+    "SpatialTrajectory",
     "add_awgn",
     "apply_cfo",
     "apply_clock_error",
@@ -209,6 +211,54 @@ class PlanarTrajectory:
     def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def yaw_rate_radps(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class SpatialTrajectory:
+    """
+    A smooth path in three dimensions. Immutable.
+    """
+    @staticmethod
+    def through(
+        frame: soopnav_cpp._core.geometry.LocalFrame,
+        waypoints_m: numpy.typing.ArrayLike,
+        *,
+        speed_mps: typing.SupportsFloat | typing.SupportsIndex,
+        max_acceleration_mps2: typing.SupportsFloat | typing.SupportsIndex,
+        rest_s: typing.SupportsFloat | typing.SupportsIndex | None,
+        roll: numpy.typing.ArrayLike,
+        pitch: numpy.typing.ArrayLike,
+    ) -> SpatialTrajectory: ...
+    def __init__(
+        self,
+        frame: soopnav_cpp._core.geometry.LocalFrame,
+        control_points_m: numpy.typing.ArrayLike,
+        knot_s: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        roll: numpy.typing.ArrayLike,
+        pitch: numpy.typing.ArrayLike,
+    ) -> None: ...
+    def at(self, t_s: numpy.typing.ArrayLike) -> tuple:
+        """
+        Position, velocity, acceleration, quaternion, rate at times.
+        """
+    def imu_increments(
+        self,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        end_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> tuple:
+        """
+        Exact increments of rate and specific force.
+        """
+    def navigation_states(self, t_s: numpy.typing.ArrayLike) -> tuple:
+        """
+        Latitude, longitude, height; velocity and quaternion in the moving north-east-down frame.
+        """
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def greatest_acceleration_mps2(self) -> float: ...
+    @property
+    def knot_s(self) -> float: ...
 
 class BoundarySeries:
     """
