@@ -134,7 +134,7 @@ class StrapdownNavigator:
     Parameters
     ----------
     transmitters_m : array_like, shape (k, 3)
-        Where they stand, along the axes of `frame`.
+        Where they stand, along the axes of `frame`; ``np.empty((0, 3))`` for none.
     start : StrapdownStart
     frame : LocalFrame
         North-east-down or east-north-up; only its origin counts for what comes out, which is north-east-down.
@@ -197,10 +197,10 @@ class StrapdownNavigator:
         hold_heading: bool = False,
         zero_rate_sigma_radps: float = 1e-4,
     ) -> None:
-        transmitters = np.asarray(transmitters_m, dtype=np.float64).reshape(-1, np.shape(transmitters_m)[-1])
+        transmitters = np.asarray(transmitters_m, dtype=np.float64)
         reference = None if reference_m is None else np.asarray(reference_m, dtype=np.float64)
-        if transmitters.shape[1] != 3:
-            raise ValueError(f"transmitters_m: expected shape (k, 3), got {np.shape(transmitters_m)}")
+        if transmitters.ndim != 2 or transmitters.shape[1] != 3:
+            raise ValueError(f"transmitters_m: expected shape (k, 3), got {transmitters.shape}")
         if frame.axes == LocalAxes.ENU:
             transmitters = _swapped(transmitters)
             reference = None if reference is None else _swapped(reference)

@@ -408,6 +408,7 @@ def test_set_ups_that_make_no_sense_are_refused(path):
         ({"ambiguity_m": -5.0}, "ambiguity_m: -5; it must be positive"),
         ({"noise": ImuNoise(gyro_density=-1.0)}, "gyro_density: -1; it must be finite and not negative"),
         ({"transmitters": [[0.0, 1.0]]}, r"transmitters_m: expected shape \(k, 3\), got \(1, 2\)"),
+        ({"transmitters": []}, r"transmitters_m: expected shape \(k, 3\), got \(0,\)"),
         ({"transmitters": [[0.0, 1.0, np.inf]]}, "transmitters_m: inf; they must be finite"),
         ({"gap_rate_sigma_radps": -1.0}, "rate_sigma_radps: -1; it must be finite and not negative"),
         ({"zero_velocity": ZeroVelocity(threshold=0.0)}, "threshold: 0; it must be positive"),
