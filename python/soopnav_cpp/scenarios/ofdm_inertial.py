@@ -255,6 +255,8 @@ class FilterSettings(Model):
         Boundaries whose innovation lies beyond it are refused ...
     gate_sigmas : float
         ... unless it lies within so many of its own standard deviations.
+    gate_probability : float
+        Beside it a chi-square gate that refuses a good boundary with this probability.
     clock_states : bool
         The transmitters' clocks are estimated.
     multipath_sigma_m, multipath_time_constant_s : float
@@ -267,6 +269,7 @@ class FilterSettings(Model):
 
     gate_m: Positive | None = None
     gate_sigmas: NotNegative = 4.0
+    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     clock_states: bool = False
     multipath_sigma_m: Positive | None = None
     multipath_time_constant_s: Positive = 10.0

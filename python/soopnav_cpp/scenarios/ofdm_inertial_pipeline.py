@@ -380,6 +380,7 @@ def _navigator(scenario: OfdmInertialScenario, sensed: Sensed, aided: bool) -> O
         ambiguity_m=None if recorded else numerology(scenario).ambiguity_m,
         gate_m=settings.gate_m,
         gate_sigmas=settings.gate_sigmas,
+        gate_probability=settings.gate_probability,
         clock=None if clocks is None else (clocks.white_frequency_m2ps, clocks.frequency_walk_m2ps3),
         multipath=multipath,
         reference_receiver=aided and sensed.reference is not None,
