@@ -154,6 +154,7 @@ def draw_rms(figure: Figure, t_s: Array, curves: dict[str, tuple[Array, str]], t
     style(axes, title, "t [s]", "RMS position error [m]")
     for label, (values, colour) in curves.items():
         axes.semilogy(t_s[1:], values[1:], color=colour, label=label, linewidth=1.3)
+    axes.set_ylim(bottom=0.03)
     axes.legend(frameon=False, fontsize=9)
 
 
