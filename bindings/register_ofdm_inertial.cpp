@@ -29,7 +29,7 @@ using navigation::RangeChangeReport;
 
 std::unique_ptr<OfdmInertialNavigator> make_navigator(
     const TableBase& transmitters_m, const TableBase& starts, double gyro_sigma_radps, double accelerometer_sigma_mps2,
-    double ambiguity_m, double gate_m, double gate_sigmas, double gate_nis,
+    double ambiguity_m, double gate_m, double gate_sigmas, std::optional<double> gate_probability,
     std::optional<std::pair<double, double>> clock_psd, double clock_drift_sigma_mps,
     std::optional<std::pair<double, double>> multipath, bool reference_receiver, bool literal_transition,
     std::pair<double, double> unmodelled, double yaw_rate_range_radps, double specific_force_range_mps2) {
@@ -50,7 +50,9 @@ std::unique_ptr<OfdmInertialNavigator> make_navigator(
   OfdmInertialOptions options;
   options.imu = {gyro_sigma_radps, accelerometer_sigma_mps2};
   options.ambiguity_m = ambiguity_m;
-  options.gate = {.nis = gate_nis, .residual = gate_m, .residual_sigmas = gate_sigmas};
+  if (gate_probability) options.gate = Gate::probability(*gate_probability, 1);
+  options.gate.residual = gate_m;
+  options.gate.residual_sigmas = gate_sigmas;
   if (clock_psd) options.transmitter_clock = clock::ClockNoise{clock_psd->first, clock_psd->second};
   options.clock_drift_sigma_mps = clock_drift_sigma_mps;
   if (multipath) options.multipath = navigation::MultipathBias{multipath->first, multipath->second};
@@ -134,18 +136,19 @@ void register_ofdm_inertial(py::module_& m) {
                                     "soopnav_cpp.navigation.OfdmInertialNavigator.")
       .def(py::init([](const Table<"transmitters_m">& transmitters_m, const Table<"starts">& starts,
                        double gyro_sigma_radps, double accelerometer_sigma_mps2, double ambiguity_m, double gate_m,
-                       double gate_sigmas, double gate_nis, std::optional<std::pair<double, double>> clock_psd,
-                       double clock_drift_sigma_mps, std::optional<std::pair<double, double>> multipath,
-                       bool reference_receiver, bool literal_transition, std::pair<double, double> unmodelled,
-                       double yaw_rate_range_radps, double specific_force_range_mps2) {
+                       double gate_sigmas, std::optional<double> gate_probability,
+                       std::optional<std::pair<double, double>> clock_psd, double clock_drift_sigma_mps,
+                       std::optional<std::pair<double, double>> multipath, bool reference_receiver,
+                       bool literal_transition, std::pair<double, double> unmodelled, double yaw_rate_range_radps,
+                       double specific_force_range_mps2) {
              return make_navigator(transmitters_m, starts, gyro_sigma_radps, accelerometer_sigma_mps2, ambiguity_m,
-                                   gate_m, gate_sigmas, gate_nis, clock_psd, clock_drift_sigma_mps, multipath,
+                                   gate_m, gate_sigmas, gate_probability, clock_psd, clock_drift_sigma_mps, multipath,
                                    reference_receiver, literal_transition, unmodelled, yaw_rate_range_radps,
                                    specific_force_range_mps2);
            }),
            py::arg("transmitters_m"), py::arg("starts"), py::kw_only(), py::arg("gyro_sigma_radps"),
            py::arg("accelerometer_sigma_mps2"), py::arg("ambiguity_m"), py::arg("gate_m"), py::arg("gate_sigmas"),
-           py::arg("gate_nis"), py::arg("clock_psd"), py::arg("clock_drift_sigma_mps"), py::arg("multipath"),
+           py::arg("gate_probability"), py::arg("clock_psd"), py::arg("clock_drift_sigma_mps"), py::arg("multipath"),
            py::arg("reference_receiver"), py::arg("literal_transition"), py::arg("unmodelled"),
            py::arg("yaw_rate_range_radps"), py::arg("specific_force_range_mps2"))
       .def("__copy__", [](const OfdmInertialNavigator& self) { return std::make_unique<OfdmInertialNavigator>(self); })

@@ -261,6 +261,8 @@ class OfdmInertialNavigator:
         yaw_rate_range_radps: float | None = None,
         specific_force_range_mps2: float | None = None,
     ) -> None:
+        if gate_probability is not None and not 0.0 < gate_probability < 1.0:
+            raise ValueError(f"gate_probability: {gate_probability} is not between 0 and 1")
         starts = _as_starts(start)
         rows = [
             (
@@ -284,7 +286,7 @@ class OfdmInertialNavigator:
             ambiguity_m=math.inf if ambiguity_m is None else ambiguity_m,
             gate_m=math.inf if gate_m is None else gate_m,
             gate_sigmas=gate_sigmas,
-            gate_nis=_gate_nis(gate_probability),
+            gate_probability=gate_probability,
             clock_psd=_clock_psd(clock),
             clock_drift_sigma_mps=clock_drift_sigma_mps,
             multipath=multipath,
@@ -458,16 +460,6 @@ class OfdmInertialNavigator:
             firsts=tuple(self.receiver_at(i) for i in range(self._receivers)),
             clocks=tuple(i for i in map(self.clock_at, range(self._transmitters)) if i >= 0),
         )
-
-
-def _gate_nis(probability: float | None) -> float:
-    if probability is None:
-        return math.inf
-    if not 0.0 < probability < 1.0:
-        raise ValueError(f"gate_probability: {probability} is not between 0 and 1")
-    from scipy.stats import chi2
-
-    return float(chi2.isf(probability, 1))
 
 
 def _clock_psd(clock: Any) -> tuple[float, float] | None:

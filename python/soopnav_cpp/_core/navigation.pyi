@@ -165,7 +165,7 @@ class OfdmInertialNavigator:
         ambiguity_m: typing.SupportsFloat | typing.SupportsIndex,
         gate_m: typing.SupportsFloat | typing.SupportsIndex,
         gate_sigmas: typing.SupportsFloat | typing.SupportsIndex,
-        gate_nis: typing.SupportsFloat | typing.SupportsIndex,
+        gate_probability: typing.SupportsFloat | typing.SupportsIndex | None,
         clock_psd: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]
         | None,
         clock_drift_sigma_mps: typing.SupportsFloat | typing.SupportsIndex,
