@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,10 +11,8 @@ import numpy.typing as npt
 
 from soopnav_cpp.estimation import mean_nees_bounds, nees
 from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band, experiment, style
-from soopnav_cpp.geometry import LocalAxes, LocalFrame
-from soopnav_cpp.inertial import ImuNoise
-from soopnav_cpp.navigation import StrapdownNavigator, StrapdownStart, strapdown_errors
-from soopnav_cpp.simulation import Oscillation, SpatialTrajectory
+from soopnav_cpp.scenarios.ofdm_strapdown import OfdmStrapdownScenario
+from soopnav_cpp.scenarios.ofdm_strapdown_pipeline import navigate, sense
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,43 +20,27 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 DURATION_S = 600
-RATE_HZ = 100
-SPEED_MPS = 15.0
-RANGE_SIGMA_M = 0.5
-AMBIGUITY_M = 1199.169832  # one symbol of 80 samples at 20 MHz, times the speed of light
 TRANSMITTERS_NED_M = np.array(
     [[2900.0, 600.0, -30.0], [-700.0, 2950.0, -300.0], [-2800.0, -900.0, -120.0], [600.0, -3000.0, -210.0]]
 )
-NOISE = ImuNoise.industrial_mems()
 RUNS = 24
 NEES_S = tuple(range(60, DURATION_S + 1, 60))
 SETTLED = slice(59, None)
 
 
-def home() -> LocalFrame:
-    """North, east, down at the receiver's start."""
-    return LocalFrame(math.radians(48.1), math.radians(11.6), 520.0, axes=LocalAxes.NED)
-
-
-def waypoints(rng: np.random.Generator) -> Array:
-    """A way of 9.6 km in legs of 150 to 400 m within 900 m of the start, up and down by as much as 8 m in a leg."""
-    at, heading, length = np.zeros(3), rng.uniform(-math.pi, math.pi), 0.0
-    points = [at]
-    while length < 1.065 * SPEED_MPS * DURATION_S:
-        leg = rng.uniform(150.0, 400.0)
-        for turn in rng.uniform(-1.4, 1.4, 50):
-            step = leg * np.array([math.cos(heading + turn), math.sin(heading + turn), 0.0])
-            if math.hypot(*(at + step)[:2]) < 900.0:
-                heading += turn
-                break
-        else:  # outwards whatever the turn: back to the middle
-            heading = math.atan2(-at[1], -at[0])
-            step = leg * np.array([math.cos(heading), math.sin(heading), 0.0])
-        down = float(np.clip(at[2] + rng.uniform(-8.0, 8.0), -20.0, 20.0))
-        at = np.array([at[0] + step[0], at[1] + step[1], down])
-        points.append(at)
-        length += leg
-    return np.array(points)
+def scenario() -> OfdmStrapdownScenario:
+    """A car that roams for ten minutes among four transmitters 30 to 300 m above its start."""
+    return OfdmStrapdownScenario.model_validate(
+        {
+            "system": "ofdm_strapdown",
+            "duration_s": DURATION_S,
+            "origin": {"latitude_deg": 48.1, "longitude_deg": 11.6, "height_m": 520.0},
+            "imu": {"preset": "industrial"},
+            "transmitters": [{"position_ned_m": at} for at in TRANSMITTERS_NED_M.tolist()],
+            "ranging": {"sigma_m": 0.5},
+            "output_rate_hz": 1.0,
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -75,79 +56,18 @@ class Drive:
 
 
 def drive(seed: int) -> Drive:
-    """One drive of ten minutes: path, increments, their errors, the start's errors, ranges, filter."""
-    rng = np.random.default_rng(seed)
-    phase = rng.uniform(0.0, 2.0 * math.pi, 2)
-    path = SpatialTrajectory.through(
-        home(),
-        waypoints(rng),
-        speed_mps=SPEED_MPS,
-        roll=Oscillation(0.02, 0.8, phase[0]),
-        pitch=Oscillation(0.015, 1.1, phase[1]),
-    )
-    start, epochs = path.at(0.0), np.arange(1.0, DURATION_S + 1.0)
-    truth = path.at(epochs)
-    covariance = StrapdownStart.deviations(
-        tilt_rad=math.radians(0.1),
-        heading_rad=math.radians(0.5),
-        velocity_mps=0.1,
-        position_m=0.1,
-        gyro_bias_radps=NOISE.gyro_bias_sigma_radps,
-        accelerometer_bias_mps2=NOISE.accelerometer_bias_sigma_mps2,
-    )
-    error = np.sqrt(np.diag(covariance)) * rng.standard_normal(15)
-    gyro_bias, accelerometer_bias = error[9:12], error[12:]
-    exact = StrapdownStart(
-        quaternion=start.quaternion[0],
-        velocity_mps=start.velocity_mps[0],
-        position_m=start.position_m[0],
-        covariance=covariance,
-        gyro_bias_radps=gyro_bias,
-        accelerometer_bias_mps2=accelerometer_bias,
-    )
-    navigator = StrapdownNavigator(
-        TRANSMITTERS_NED_M,
-        exact.off_by(error),
-        frame=home(),
-        noise=NOISE,
-        period_s=1.0 / RATE_HZ,
-        range_sigma_m=RANGE_SIGMA_M,
-        reference_m=start.position_m[0],
-        ambiguity_m=AMBIGUITY_M,
-        gate_sigmas=6.0,
-        gate_floor_m=3.0,
-    )
-    theta, velocity = path.imu_increments(RATE_HZ, end_s=DURATION_S)
-    step, root = 1.0 / RATE_HZ, math.sqrt(1.0 / RATE_HZ)
-    theta += step * gyro_bias + root * NOISE.gyro_density * rng.standard_normal(theta.shape)
-    velocity += step * accelerometer_bias + root * NOISE.accelerometer_density * rng.standard_normal(velocity.shape)
-
-    def ranges(p: Array) -> Array:
-        return np.asarray(np.linalg.norm(p[:, None] - TRANSMITTERS_NED_M, axis=2))
-
-    change = ranges(truth.position_m) - ranges(start.position_m)
-    change += RANGE_SIGMA_M * rng.standard_normal(change.shape)
-    change = np.remainder(change, AMBIGUITY_M)  # what a signal that repeats tells
-    t_s = step * np.arange(1, len(theta) + 1)
-    aided = navigator.run(
-        t_s, theta, velocity, epochs_s=epochs, range_changes_m=change, record_every=RATE_HZ, covariance=True
-    )
-    alone = navigator.run(t_s, theta, velocity, record_every=RATE_HZ)
-    errors = strapdown_errors(
-        aided,
-        quaternion=truth.quaternion,
-        velocity_mps=truth.velocity_mps,
-        position_m=truth.position_m,
-        gyro_bias_radps=gyro_bias,
-        accelerometer_bias_mps2=accelerometer_bias,
-    )
+    """One drive of ten minutes: simulate, navigate with and without transmitters, compare."""
+    setup = scenario()
+    sensed = sense(setup, seed)
+    aided, alone = (navigate(setup, sensed, aided=yes) for yes in (True, False))
+    way = sensed.path.at(aided.t_s).position_m
     at = np.array(NEES_S) - 1
     return Drive(
-        aided.position_m - truth.position_m,
+        aided.position_m - way,
         aided.sigma[:, 6:9].copy(),
-        alone.position_m - truth.position_m,
-        nees(errors[at], np.asarray(aided.covariance)[at]),
-        truth.position_m,
+        alone.position_m - way,
+        nees(sensed.errors(aided)[at], np.asarray(aided.covariance)[at]),
+        way,
         int(np.count_nonzero(aided.update_status)),
     )
 
@@ -183,7 +103,8 @@ def strapdown(lab: Lab) -> Iterator[Claim]:
         left[0].legend(loc="upper right", ncol=2, fontsize="small")
         left[2].set_xlabel("time [s]")
         right[0].plot(first.way_m[:, 1], first.way_m[:, 0], color="0.3", lw=0.8)
-        right[0].plot(TRANSMITTERS_NED_M[:, 1], TRANSMITTERS_NED_M[:, 0], "^", color="tab:red", ms=6)
+        north, east, _ = TRANSMITTERS_NED_M.T
+        right[0].plot(east, north, "^", color="tab:red", ms=6)
         right[0].set_aspect("equal")
         style(right[0], "Way, transmitters", "east [m]", "north [m]")
         right[1].semilogy(t_s, free, color="tab:red", lw=1.2, label="INS alone, horizontal")
