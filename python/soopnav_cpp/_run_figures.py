@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ __all__ = ["consistency", "errors", "innovations", "rms", "state_errors", "traje
 Array = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
 _AXIS = ("x", "y", "z")
+_NED = ("north", "east", "down")
 _BAD = _COLOURS[1]
 _MOST_ELLIPSES = 14
 _MOST_SOURCES = 8
@@ -70,11 +72,28 @@ def _truth(run: Any, truth: Any, *, needed: bool) -> Array | None:
         if needed:
             raise ValueError("truth: needed, for the run has none")
         return None
+    if callable(getattr(given, "at", None)):  # a trajectory, or a track, knows any time
+        given = given.at(_times(run))
     right = _numbers(given, "position_m")
     right = np.asarray(given, dtype=np.float64) if right is None else right
     if right.shape != _position(run).shape:
         raise ValueError(f"truth: expected shape {_position(run).shape}, got {right.shape}")
     return right
+
+
+def _is_ned(run: Any) -> bool:
+    return getattr(run, "axes", "enu") == "ned"
+
+
+def _east_north(run: Any) -> SimpleNamespace:
+    """What a map shows of a run in north-east-down: east to the right, north up."""
+    turned = [1, 0]
+    return SimpleNamespace(
+        position_m=_position(run)[:, turned],
+        position_covariance_m2=_covariance(run, 2)[:, turned][:, :, turned],
+        baselines={name: np.asarray(other)[:, turned] for name, other in getattr(run, "baselines", {}).items()},
+        sources={name: np.asarray(place)[turned] for name, place in getattr(run, "sources", {}).items()},
+    )
 
 
 def _title(figure: Figure, title: str) -> None:
@@ -91,9 +110,10 @@ def errors(run: Any, truth: Any = None, *, title: str = "", path: Path | None = 
 
     Parameters
     ----------
-    run : SystemRun or alike
-    truth : Truth or array_like of shape (n, d), optional
-        In place of ``run.truth``.
+    run : SystemRun, OfdmInertialRun or alike
+    truth : Truth, trajectory or array_like of shape (n, d), optional
+        In place of ``run.truth``. What has a method ``at``, as `simulation.PlanarTrajectory`, is asked for the times of
+        the run.
     title : str
     path : path, optional
         Written as well, in the format of its suffix.
@@ -121,8 +141,9 @@ def errors(run: Any, truth: Any = None, *, title: str = "", path: Path | None = 
         first = first or axes
         _band(axes, time, error[:, k], sigma[:, k])
         inside = np.mean(np.abs(error[:, k]) <= sigma[:, k])
-        name = f"{_AXIS[k]}: RMS {np.sqrt(np.mean(error[:, k] ** 2)):.3g} m, {100 * inside:.1f} % inside"
-        _style(axes, name, "time [s]" if k == dim - 1 else "", f"{_AXIS[k]} error [m]")
+        axis = _NED[k] if _is_ned(run) else _AXIS[k]
+        name = f"{axis}: RMS {np.sqrt(np.mean(error[:, k] ** 2)):.3g} m, {100 * inside:.1f} % inside"
+        _style(axes, name, "time [s]" if k == dim - 1 else "", f"{axis} error [m]")
         axes.tick_params(labelbottom=k == dim - 1)
         if k == 0:
             _legend(axes, "upper right", 2)
@@ -169,7 +190,7 @@ def state_errors(run: Any, *, title: str = "", path: Path | None = None) -> Figu
         inside = 100.0 * np.mean(np.abs(error) <= sigma)
         last = k >= len(names) - columns
         title_ = f"{(what or name).replace('_', ' ')}: RMS {np.sqrt(np.mean(error**2)):.3g}, {inside:.0f} % inside"
-        _style(axes, title_, "time [s]" if last else "", f"[{unit.replace('mps', 'm/s').replace('/s2', '/s²')}]")
+        _style(axes, title_, "time [s]" if last else "", f"[{unit.replace('ps', '/s').replace('/s2', '/s²')}]")
         axes.tick_params(labelbottom=last)
         if k == 0:
             _legend(axes, "upper right", 2)
@@ -251,7 +272,8 @@ def trajectory(run: Any, truth: Any = None, *, title: str = "", path: Path | Non
     ----------
     run : SystemRun or alike
         ``baselines`` and ``sources`` are drawn where it has them.
-    truth : Truth or array_like of shape (n, d), optional
+    truth : Truth, trajectory or array_like of shape (n, d), optional
+        North is up in the map of a run in north-east-down.
     title : str
     path : path, optional
 
@@ -259,12 +281,14 @@ def trajectory(run: Any, truth: Any = None, *, title: str = "", path: Path | Non
     -------
     matplotlib.figure.Figure
     """
-    position = _position(run)
     right = _truth(run, truth, needed=False)
-    sources = {name: np.asarray(place)[:2] for name, place in getattr(run, "sources", {}).items()}
-    ned = getattr(run, "axes", "enu") == "ned"
+    ned = _is_ned(run)
     placed = getattr(run, "origin_lla_deg", None) is not None
-    labels = ("x (north) [m]", "y (east) [m]") if ned else ("x (east) [m]", "y (north) [m]")
+    if ned:
+        run, right = _east_north(run), None if right is None else right[:, [1, 0]]
+    position = _position(run)
+    sources = {name: np.asarray(place)[:2] for name, place in getattr(run, "sources", {}).items()}
+    labels = ("y (east) [m]", "x (north) [m]") if ned else ("x (east) [m]", "y (north) [m]")
     labels = labels if placed or ned else ("x [m]", "y [m]")
     tracks = [position[:, :2]] if right is None else [position[:, :2], right[:, :2]]
     centre, reach = _extent(np.vstack(tracks))

@@ -114,3 +114,36 @@ def test_innovations_tell_what_was_refused():
     assert 1.0 < beyond.get_ydata()[0] <= figure.axes[0].get_ylim()[1]  # at the edge, not 900 m away
     nothing = Updates(t_s=[], source=[], innovation=[], variance=[], status=[])
     assert "no measurement" in [text.get_text() for text in sn.plotting.innovations(nothing).axes[0].texts]
+
+
+def test_a_trajectory_is_a_truth():
+    """Errors of a run against what knows any time: the same as against its positions at the times of the run."""
+    way = sn.simulation.PlanarTrajectory.continuous_turn(duration_s=20.0)
+    imu = way.imu(50.0, gyro_sigma_radps=0.1, accelerometer_sigma_mps2=0.1, seed=1)
+    run = sn.navigation.OfdmInertialNavigator([[1000.0, 1500.0]], sn.navigation.PlanarStart()).run(imu=imu)
+    figure = sn.plotting.errors(run, way)
+    for k, axes in enumerate(figure.axes):
+        drawn = axes.get_lines()[2].get_ydata()
+        np.testing.assert_array_equal(drawn, run.position_m[:, k] - way.at(run.t_s).position_m[:, k])
+        assert np.abs(drawn).max() > 0.1
+
+
+def test_maps_of_north_east_down_have_north_up():
+    t = np.arange(5.0)
+    north, east = 10.0 * t, -3.0 * t
+    given = {
+        "t_s": t,
+        "position_m": np.column_stack([north, east, 0.0 * t]),
+        "position_covariance_m2": np.tile(np.diag([1.0, 4.0, 9.0]), (5, 1, 1)),
+        "axes": "ned",
+        "sources": {"mast": [100.0, 7.0, -30.0]},
+        "truth": Truth(position_m=np.column_stack([north + 1.0, east, 0.0 * t])),
+    }
+    figure = sn.plotting.trajectory(SystemRun(**given))
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
+    np.testing.assert_array_equal(lines["estimate"], np.column_stack([east, north]))
+    np.testing.assert_array_equal(lines["truth"], np.column_stack([east, north + 1.0]))
+    assert figure.axes[0].get_ylabel() == "x (north) [m]"
+    assert any(line.get_xydata().tolist() == [[7.0, 100.0]] for axes in figure.axes for line in axes.get_lines())
+    titles = [axes.get_title(loc="left") for axes in sn.plotting.errors(SystemRun(**given)).axes]
+    assert [title.split(":")[0] for title in titles] == ["north", "east", "down"]

@@ -63,8 +63,6 @@ class StrapdownImuSettings(Model):
         Standard deviation of the biases at the start.
     gyro_bias_walk_radps_per_rts, accelerometer_bias_walk_mps2_per_rts : float
         By how much the biases walk.
-    gyro_range_radps, accelerometer_range_mps2 : float
-        Where they saturate.
     gaps_s : list of pairs
         Samples between these times are lost.
     """
@@ -77,8 +75,6 @@ class StrapdownImuSettings(Model):
     accelerometer_bias_sigma_mps2: NotNegative | None = None
     gyro_bias_walk_radps_per_rts: NotNegative = 0.0
     accelerometer_bias_walk_mps2_per_rts: NotNegative = 0.0
-    gyro_range_radps: Positive | None = None
-    accelerometer_range_mps2: Positive | None = None
     gaps_s: list[Span] = Field(default_factory=list)
 
     @property
@@ -243,7 +239,7 @@ class OfdmStrapdownScenario(Scenario):
     Attributes
     ----------
     origin : table
-        Of north, east, down on the Earth, whose gravity and rotation the inertial unit feels.
+        Of north, east, down: the inertial unit feels the gravity and the rotation of this place.
     imu, start, trajectory, ranging, filter : table
     transmitters : list of tables
     output_rate_hz : float
@@ -384,13 +380,9 @@ def _notes(scenario: OfdmStrapdownScenario, imu: npt.NDArray[np.uint8], updates:
     notes = []
     for low, high in scenario.ranging.outages_s:
         notes.append(f"no transmitter heard from {low:g} to {high:g} s")
-    for status, words in (
-        (ImuStatus.GAP, "came after a gap, which was coasted over"),
-        (ImuStatus.SATURATED, "saturated, coasted over"),
-    ):
-        count = int(np.count_nonzero(imu == int(status)))
-        if count:
-            notes.append(f"IMU: {count} {'sample' if count == 1 else 'samples'} {words}")
+    gaps = int(np.count_nonzero(imu == int(ImuStatus.GAP)))
+    if gaps:
+        notes.append(f"IMU: {'a gap' if gaps == 1 else f'{gaps} gaps'}, coasted over")
     refused = int(np.count_nonzero(np.isin(updates, [UpdateStatus.ACCEPTED, UpdateStatus.ABSENT], invert=True)))
     if refused:
         notes.append(f"{refused} of {updates.size} range changes rejected")

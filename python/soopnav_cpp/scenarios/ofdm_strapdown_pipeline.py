@@ -133,10 +133,6 @@ def _with_errors(
     return exact + period_s * drift + math.sqrt(period_s) * density * noise, drift
 
 
-def _clipped(increments: _Array, period_s: float, limit: float | None) -> _Array:
-    return increments if limit is None else np.clip(increments, -limit * period_s, limit * period_s)
-
-
 def _between(t_s: _Array, spans: list[tuple[float, float]]) -> npt.NDArray[np.bool_]:
     inside = np.zeros(len(t_s), dtype=np.bool_)
     for low, high in spans:
@@ -190,8 +186,6 @@ def sense(scenario: OfdmStrapdownScenario, seed: int) -> Sensed:
         noise.accelerometer_bias_walk,
         _random(seed, _ACCELEROMETER),
     )
-    theta = _clipped(theta, period_s, unit.gyro_range_radps)
-    velocity = _clipped(velocity, period_s, unit.accelerometer_range_mps2)
     t_s = period_s * np.arange(1.0, len(theta) + 1.0)
     kept = ~_between(t_s, unit.gaps_s)
     epochs, changes = _range_changes(scenario, path, seed)
@@ -252,8 +246,6 @@ def navigate(
         ambiguity_m=ranging.ambiguity_m,
         gate_sigmas=math.inf if gate.gate_m is None else gate.gate_sigmas,
         gate_floor_m=gate.gate_m or 0.0,
-        gyro_range_radps=unit.gyro_range_radps or math.inf,
-        accelerometer_range_mps2=unit.accelerometer_range_mps2 or math.inf,
     )
     if record_every is None:
         record_every = max(1, round(unit.rate_hz / scenario.output_rate_hz))
