@@ -1,4 +1,4 @@
-"""Draws the simulated figures of docs/lte.md into docs/images; demo_scan.png and demo_map.png are those of tools/demo.
+"""Draws the simulated figures of docs/lte.md and docs/ofdm_inertial.md into docs/images; demo_scan.png and demo_map.png are those of tools/demo.
 
     .venv/bin/python docs/make_figures.py [--runs N]
 
@@ -8,6 +8,7 @@ Everything is simulated from fixed seeds; the default number of runs takes a few
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import matplotlib
@@ -17,6 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import soopnav_cpp as sn
+import soopnav_cpp.scenarios.metrics
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -148,11 +150,81 @@ def first_path_figure() -> None:
     plt.close(figure)
 
 
+def boundary_curve(runs: int) -> None:
+    """RMS range error of blind symbol boundaries over SNR, of each estimator, beside the information of the delay."""
+    levels_db = np.arange(-15.0, 31.0, 3.0)
+    grid = sn.ofdm.Numerology()
+    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    for number, (method, oversampling, label) in enumerate(
+        (
+            ("nearest_sample", 1, "nearest sample, 20 MHz"),
+            ("maximum_likelihood", 1, "maximum likelihood of whole samples, 20 MHz"),
+            ("nearest_sample", 15, "nearest sample, 300 MHz"),
+            ("interpolated", 1, "between samples, 20 MHz"),
+        )
+    ):
+        link = sn.simulation.OfdmLink(grid, oversampling=oversampling, movement="fractional_delay")
+        delay_m = np.random.default_rng(number).uniform(0.0, grid.ambiguity_m, 5 * runs)
+        rms_m = []
+        for level_db in levels_db:
+            heard = link.measure(delay_m, method=method, seed=number, snr_db=float(level_db))
+            error_m = heard.range_m - delay_m
+            error_m -= grid.ambiguity_m * np.round(error_m / grid.ambiguity_m)
+            rms_m.append(np.sqrt(np.mean(error_m**2)))
+        axes.semilogy(levels_db, rms_m, "os^D"[number] + "-", color=f"C{number}", linewidth=1.0, label=label)
+    bound = [sn.ofdm.delay_crlb_m(float(level_db), 250, grid) for level_db in levels_db]
+    axes.semilogy(levels_db, bound, color="black", label="information of the delay, 20 MHz")
+    axes.set(
+        xlabel="SNR per sample of the receiver [dB]",
+        ylabel="RMS range error [m]",
+        ylim=(5e-2, 6e2),
+        title="Block boundaries of 250 symbols, delays anywhere",
+    )
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    figure.savefig(IMAGES / "ofdm_boundary.png", dpi=130)
+    plt.close(figure)
+
+
+def planar_figure() -> None:
+    """The errors of the run of docs/ofdm_inertial.md."""
+    page = (IMAGES.parent / "ofdm_inertial.md").read_text(encoding="utf-8")
+    scope: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)[:2]:
+        exec(compile(block, "docs/ofdm_inertial.md", "exec"), scope)
+    scope["figure"].savefig(IMAGES / "ofdm_inertial_errors.png", dpi=130)
+
+
+def outage_figure(runs: int) -> None:
+    """Three dimensions: all transmitters lost for a minute, over runs of the gallery's scenario."""
+    system, scenario = sn.scenarios.load(IMAGES.parents[1] / "examples" / "scenarios" / "crosby_x3.toml")
+    ranging = scenario.ranging.model_copy(update={"outages_s": [(180.0, 240.0)]})
+    scenario = scenario.model_copy(update={"duration_s": 360.0, "ranging": ranging})
+    series = [sn.scenarios.metrics.evaluate(system.run(scenario, seed)) for seed in range(runs)]
+    error_m, sigma_m = (np.array([getattr(one, name) for one in series]) for name in ("error_m", "sigma_m"))
+    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    for axis, colour, label in ((slice(0, 2), "tab:blue", "horizontal"), (slice(2, 3), "tab:green", "vertical")):
+        rms_m, stated_m = (
+            np.sqrt(np.mean(np.sum(part[:, :, axis] ** 2, axis=2), axis=0)) for part in (error_m, sigma_m)
+        )
+        axes.semilogy(series[0].t_s, rms_m, color=colour, linewidth=1.1, label=f"{label}: RMS of {runs} runs")
+        axes.semilogy(series[0].t_s, stated_m, color=colour, linestyle="--", linewidth=1.3, label=f"{label}: stated")
+    axes.axvspan(180.0, 240.0, color="0.5", alpha=0.15, linewidth=0, label="no transmitter")
+    axes.set(xlabel="time [s]", ylabel="position error [m]", title="Four transmitters, all lost for a minute")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, loc="upper right")
+    figure.savefig(IMAGES / "ofdm_outage.png", dpi=130)
+    plt.close(figure)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60)
     runs = parser.parse_args().runs
     IMAGES.mkdir(exist_ok=True)
+    boundary_curve(runs)
+    planar_figure()
+    outage_figure(runs)
     first_path_figure()
     timing_curve(runs)
     detection_curve(runs)

@@ -207,7 +207,7 @@ TAIL = "[origin]\nlatitude_deg = 48.1\nlongitude_deg = 11.6\n[[transmitters]]\np
             r"imu.gaps_s\[0\]: \[4, 2\] does not rise",
         ),
         (HEAD + "duration_s = 9.0\n" + TAIL + "[ranging]\nsigma_m = 0.0", "ranging.sigma_m: input should be greater"),
-        (HEAD + "duration_s = 9.0\n" + TAIL + "[ranging]\nprefix = 65", "prefix: 65 is longer than the 64 samples"),
+        (HEAD + "duration_s = 9.0\n" + TAIL + "[ranging]\nprefix = 64", "prefix: 64: fewer than the 64 samples"),
         (
             HEAD + "duration_s = 9.0\n" + TAIL + "[ranging]\noutages_s = [[1.0]]",
             r"ranging.outages_s\[0\]: a list of two numbers expected",

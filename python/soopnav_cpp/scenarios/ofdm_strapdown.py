@@ -208,8 +208,8 @@ class RangingSettings(Model):
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> RangingSettings:
-        if self.prefix > self.subcarriers:
-            raise ValueError(f"prefix: {self.prefix} is longer than the {self.subcarriers} samples it is copied from")
+        if self.prefix >= self.subcarriers:
+            raise ValueError(f"prefix: {self.prefix}: fewer than the {self.subcarriers} samples of a symbol expected")
         return self
 
     @property
