@@ -1,4 +1,6 @@
-"""Draws the simulated figures of docs/lte.md and docs/ofdm_inertial.md into docs/images; demo_scan.png and demo_map.png are those of tools/demo.
+"""Draws the simulated figures of docs/lte.md and docs/ofdm_inertial.md into docs/images.
+
+demo_scan.png and demo_map.png are those of tools/demo.
 
     .venv/bin/python docs/make_figures.py [--runs N]
 
