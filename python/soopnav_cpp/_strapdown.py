@@ -255,7 +255,7 @@ class StrapdownNavigator:
         epochs_s : array_like, shape (e,), optional
             Times of range changes, in order; between samples too. Without it, inertial navigation alone.
         range_changes_m : array_like, shape (e, k), optional
-            Positive when receding; NaN: absent.
+            Positive when receding; NaN where there is none, whose status is NON_FINITE.
         record_every : int
             Samples from one record to the next.
         covariance : bool

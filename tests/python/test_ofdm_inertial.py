@@ -369,6 +369,26 @@ def test_samples_that_are_not_finite_or_saturated() -> None:
     assert nav.predict(0.0, [0.0, 0.0], np.nan) == UpdateStatus.TIME_NOT_ADVANCING
 
 
+def test_silent_samples_spread_as_one_silence() -> None:
+    """A second without samples, in one step, in fifty, or flickering: the same spread of heading and velocity."""
+
+    def sigma(steps: list[tuple[bool, float]]) -> Array:
+        nav = OfdmInertialNavigator(TRANSMITTERS, gyro_sigma_radps=0.0, accelerometer_sigma_mps2=0.0)
+        for silent, dt in steps:
+            if silent:
+                nav.coast(dt)
+            else:
+                nav.predict(0.0, [0.0, 0.0], dt)
+        return np.sqrt(np.diagonal(nav.covariance)[:3])
+
+    whole = sigma([(True, 1.0)])
+    np.testing.assert_allclose(whole, [0.5, 2.0, 2.0], rtol=1e-6)
+    np.testing.assert_allclose(sigma([(True, 0.02)] * 50), whole, rtol=1e-6)
+    np.testing.assert_allclose(sigma([(True, 0.02), (False, 0.02)] * 50), whole, rtol=1e-6)
+    apart = sigma([*[(True, 0.5)], *[(False, 0.1)] * 25, (True, 0.5)])  # two episodes: variances add
+    np.testing.assert_allclose(apart, whole / np.sqrt(2.0), rtol=1e-6)
+
+
 def test_refused_boundaries_leave_the_state() -> None:
     nav = OfdmInertialNavigator(np.vstack([TRANSMITTERS, [[0.0, 0.0]]]), PlanarStart(position_sigma_m=1.0))
     x, P = nav.state, nav.covariance

@@ -324,13 +324,26 @@ UpdateStatus OfdmInertialNavigator::predict(int receiver, const inertial::Planar
   if (!sample.all_finite()) return coast(receiver, dt_s);
   const bool saturated = std::abs(sample.yaw_rate_radps) >= options_.yaw_rate_range_radps ||
                          sample.specific_force_b_mps2.cwiseAbs().maxCoeff() >= options_.specific_force_range_mps2;
-  if (!saturated) return move(receiver, sample, options_.imu, dt_s);
-  // The motion is at least what the sensor reads, and is off by as much as a vehicle may do.
-  return move(receiver, sample, {options_.unmodelled.yaw_rate_radps, options_.unmodelled.acceleration_mps2}, dt_s);
+  // The motion is at least what a saturated sensor reads, and is off by as much as a vehicle may do.
+  if (saturated) return move_unmodelled(receiver, sample, dt_s);
+  const UpdateStatus status = move(receiver, sample, options_.imu, dt_s);
+  if (status == UpdateStatus::kAccepted) receivers_[static_cast<std::size_t>(receiver)].episode.good(dt_s);
+  return status;
 }
 
-UpdateStatus OfdmInertialNavigator::coast(int receiver, double dt_s) {
-  return move(receiver, {}, {options_.unmodelled.yaw_rate_radps, options_.unmodelled.acceleration_mps2}, dt_s);
+UpdateStatus OfdmInertialNavigator::coast(int receiver, double dt_s) { return move_unmodelled(receiver, {}, dt_s); }
+
+UpdateStatus OfdmInertialNavigator::move_unmodelled(int receiver, const inertial::PlanarImuSample& sample,
+                                                    double dt_s) {
+  if (receiver < 0 || receiver >= receivers()) return UpdateStatus::kStaleHandle;
+  inertial::UnmodelledEpisode& episode = receivers_[static_cast<std::size_t>(receiver)].episode;
+  inertial::UnmodelledEpisode next = episode;
+  const double factor = next.silent(dt_s);
+  const UnmodelledMotion& motion = options_.unmodelled;
+  const UpdateStatus status =
+      move(receiver, sample, {factor * motion.yaw_rate_radps, factor * motion.acceleration_mps2}, dt_s);
+  if (status == UpdateStatus::kAccepted) episode = next;
+  return status;
 }
 
 UpdateStatus OfdmInertialNavigator::predict_links(double dt_s) {

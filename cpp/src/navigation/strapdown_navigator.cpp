@@ -133,7 +133,11 @@ void StrapdownNavigator::advance(Sample& sample, double to_s) noexcept {
     const double part = std::min(to_s, gap_end) - time_s_;
     if (part > 0.0) {
       // What a step does not take (a state no longer finite) leaves the filter as it was; time goes on all the same.
-      static_cast<void>(filter_.predict(gap_, part));
+      const double factor = episode_.silent(part);
+      inertial::StrapdownGap gap = gap_;
+      gap.motion.rate_sigma_radps *= factor;
+      gap.motion.acceleration_sigma_mps2 *= factor;
+      static_cast<void>(filter_.predict(gap, part));
       time_s_ += part;
     }
     if (to_s < gap_end) return;
@@ -147,6 +151,7 @@ void StrapdownNavigator::advance(Sample& sample, double to_s) noexcept {
   if (!(fraction > 0.0)) return;
   const ImuIncrement now = sample.increment.part(fraction);
   static_cast<void>(filter_.predict(process_, now, now.dt_s));
+  episode_.good(now.dt_s);
   sample.increment = sample.increment.part(1.0 - fraction);
   if (all) sample.increment = {};
   time_s_ = all ? sample.end_s : to_s;

@@ -184,8 +184,10 @@ class OfdmSettings(Model):
     def _fits(self) -> OfdmSettings:
         if self.boundary in ("interpolated", "two_ray") and self.oversampling != 1:
             raise ValueError(f'boundary = "{self.boundary}" works at oversampling = 1')
-        if self.prefix > self.subcarriers:
-            raise ValueError(f"prefix: {self.prefix} is longer than the {self.subcarriers} samples it is copied from")
+        if self.boundary in ("interpolated", "two_ray") and self.movement != "fractional_delay":
+            raise ValueError(f'boundary = "{self.boundary}" expects true delays: movement = "fractional_delay"')
+        if self.prefix >= self.subcarriers:
+            raise ValueError(f"prefix: {self.prefix} must be shorter than the {self.subcarriers} samples of a symbol")
         return self
 
 

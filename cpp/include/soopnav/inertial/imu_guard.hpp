@@ -100,14 +100,15 @@ class ImuGuard {
     verdict.status = first ? ImuStatus::kFirst : gap ? ImuStatus::kGap : ImuStatus::kOk;
     if (!gyro_radps.allFinite() || !accelerometer_mps2.allFinite()) {
       verdict.status = ImuStatus::kNonFinite;
-    } else if (!(gyro_radps.cwiseAbs().maxCoeff() < limits_.gyro_range_radps) ||
-               !(accelerometer_mps2.cwiseAbs().maxCoeff() < limits_.accelerometer_range_mps2)) {
+    } else if (!(gyro_radps.cwiseAbs().maxCoeff() < kFull * limits_.gyro_range_radps) ||
+               !(accelerometer_mps2.cwiseAbs().maxCoeff() < kFull * limits_.accelerometer_range_mps2)) {
       verdict.status = ImuStatus::kSaturated;
     }
     return verdict;
   }
 
  private:
+  static constexpr double kFull = 1.0 - 1e-6;  // an increment over its time is rounded
   ImuLimits limits_;
   double last_s_ = std::numeric_limits<double>::quiet_NaN();
 };

@@ -12,6 +12,7 @@
 #include "soopnav/core/status.hpp"
 #include "soopnav/estimation/layout_kalman_filter.hpp"
 #include "soopnav/inertial/planar_mechanization.hpp"
+#include "soopnav/inertial/unmodelled_motion.hpp"
 
 namespace soopnav::navigation {
 
@@ -32,7 +33,7 @@ struct MultipathBias {
 };
 
 /// What a receiver may do while its inertial sensors are silent, saturated or not finite: accelerate and turn so much,
-/// one standard deviation, constantly over a step.
+/// one standard deviation, constantly over an episode (`inertial::UnmodelledEpisode`).
 struct UnmodelledMotion {
   double acceleration_mps2 = 2.0;
   double yaw_rate_radps = 0.5;
@@ -139,6 +140,7 @@ class OfdmInertialNavigator {
     Block<2> velocity{};
     Block<2> position{};
     Eigen::Vector2d start_m = Eigen::Vector2d::Zero();
+    inertial::UnmodelledEpisode episode{};
   };
   struct Transmitter {
     Eigen::Vector2d position_m = Eigen::Vector2d::Zero();
@@ -150,6 +152,7 @@ class OfdmInertialNavigator {
   };
   [[nodiscard]] UpdateStatus move(int receiver, const inertial::PlanarImuSample& sample,
                                   const inertial::PlanarImuNoise& noise, double dt_s);
+  [[nodiscard]] UpdateStatus move_unmodelled(int receiver, const inertial::PlanarImuSample& sample, double dt_s);
   [[nodiscard]] RangeChangeReport take(const RangeChange& row);
   [[nodiscard]] RangeChangeReport take_reference(const RangeChange& row);
 

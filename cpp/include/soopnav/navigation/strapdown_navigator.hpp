@@ -16,6 +16,7 @@
 #include "soopnav/inertial/coning_sculling.hpp"
 #include "soopnav/inertial/imu_guard.hpp"
 #include "soopnav/inertial/strapdown_mechanization.hpp"
+#include "soopnav/inertial/unmodelled_motion.hpp"
 #include "soopnav/inertial/zero_velocity.hpp"
 #include "soopnav/measurement/range_difference.hpp"
 
@@ -140,6 +141,7 @@ class StrapdownNavigator {
   StrapdownOptions options_;
   inertial::StrapdownMechanization<NedFrame> process_;
   inertial::StrapdownGap gap_;
+  inertial::UnmodelledEpisode episode_;
   std::vector<AmbiguousRangeDifference> models_;
   Gate gate_;
   Filter filter_;
