@@ -214,6 +214,7 @@ void register_inertial(py::module_& m) {
       .value("REVERSED", ImuStatus::kReversed)
       .value("SATURATED", ImuStatus::kSaturated)
       .value("NOT_FINITE", ImuStatus::kNonFinite)
+      .value("FAR_AHEAD", ImuStatus::kFarAhead)
       .finalize();
   py::native_enum<IntegrationStatus>(m, "IntegrationStatus", "enum.IntEnum", "What became of a step.")
       .value("INTEGRATED", IntegrationStatus::kIntegrated)

@@ -89,7 +89,7 @@ py::dict run(const OfdmInertialNavigator& start, double start_s, const RealArray
              const NumbersBase& yaw_rate_radps, const NumbersBase& specific_force_b_mps2, double imu_period_s,
              const RealArrayBase& epoch_t_s, const NumbersBase& range_change_m, const NumbersBase& range_sigma_m,
              const NumbersBase& reference_range_change_m, const NumbersBase& reference_sigma_m,
-             std::size_t record_every) {
+             std::size_t record_every, double max_gap_s, const py::object& ask) {
   const navigation::OfdmInertialData data{.start_s = start_s,
                                           .imu_t_s = imu_t_s.span(),
                                           .yaw_rate_radps = yaw_rate_radps.span(),
@@ -100,17 +100,30 @@ py::dict run(const OfdmInertialNavigator& start, double start_s, const RealArray
                                           .range_sigma_m = range_sigma_m.span(),
                                           .reference_range_change_m = reference_range_change_m.span(),
                                           .reference_sigma_m = reference_sigma_m.span(),
-                                          .record_every = record_every};
+                                          .record_every = record_every,
+                                          .max_gap_s = max_gap_s};
+  navigation::RangeTiming timing;
+  if (!ask.is_none()) {
+    timing = [&ask](std::size_t epoch, const RangeChange& predicted) {
+      const py::gil_scoped_acquire acquire;
+      const py::object answer =
+          ask(epoch, predicted.receiver, predicted.transmitter, predicted.range_change_m, predicted.sigma_m);
+      const auto [value, sigma] = answer.cast<std::pair<double, double>>();
+      return RangeChange{predicted.receiver, predicted.transmitter, value, sigma};
+    };
+  }
   navigation::OfdmInertialHistory history;
+  OfdmInertialNavigator navigator = start;  // before the lock is given away: others may move `start`
   {
     const py::gil_scoped_release release;
-    OfdmInertialNavigator navigator = start;
-    history = navigation::run(navigator, data);
+    history = navigation::run(navigator, data, timing);
   }
   const auto rows = static_cast<py::ssize_t>(history.t_s.size());
   const auto dim = static_cast<py::ssize_t>(history.dim);
   const auto epochs = static_cast<py::ssize_t>(epoch_t_s.size());
-  py::dict out = columns(history.reports, {epochs, start.receivers(), start.transmitters()});
+  const std::vector<py::ssize_t> links{epochs, start.receivers(), start.transmitters()};
+  py::dict out = columns(history.reports, links);
+  out["range_change_m"] = to_array(std::move(history.range_change_m), links);
   out["t_s"] = to_array(std::move(history.t_s));
   out["state"] = to_array(std::move(history.state), {rows, dim});
   out["covariance"] = to_array(std::move(history.covariance), {rows, dim, dim});
@@ -223,14 +236,15 @@ void register_ofdm_inertial(py::module_& m) {
              double imu_period_s, const RealArray<"epoch_t_s">& epoch_t_s,
              const Numbers<"range_change_m">& range_change_m, const Numbers<"range_sigma_m">& range_sigma_m,
              const Numbers<"reference_range_change_m">& reference_range_change_m,
-             const Numbers<"reference_sigma_m">& reference_sigma_m, std::size_t record_every) {
+             const Numbers<"reference_sigma_m">& reference_sigma_m, std::size_t record_every, double max_gap_s,
+             const py::object& timing) {
             return run(self, start_s, imu_t_s, yaw_rate_radps, force, imu_period_s, epoch_t_s, range_change_m,
-                       range_sigma_m, reference_range_change_m, reference_sigma_m, record_every);
+                       range_sigma_m, reference_range_change_m, reference_sigma_m, record_every, max_gap_s, timing);
           },
           py::arg("start_s"), py::arg("imu_t_s"), py::arg("yaw_rate_radps"), py::arg("specific_force_b_mps2"),
           py::arg("imu_period_s"), py::arg("epoch_t_s"), py::arg("range_change_m"), py::arg("range_sigma_m"),
           py::arg("reference_range_change_m"), py::arg("reference_sigma_m"), py::arg("record_every"),
-          "A whole run, on a copy.");
+          py::arg("max_gap_s"), py::arg("timing"), "A whole run, on a copy.");
 }
 
 }  // namespace soopnav::python

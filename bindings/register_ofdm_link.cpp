@@ -20,6 +20,7 @@
 #include "ofdm_options.hpp"
 #include "register.hpp"
 #include "soopnav/simulation/ofdm_link.hpp"
+#include "soopnav/simulation/ricean_reflector.hpp"
 
 namespace soopnav::python {
 
@@ -169,6 +170,34 @@ void register_ofdm_link(py::module_& m) {
         return "OfdmLink(symbols=" + std::to_string(self.link.symbols()) +
                ", oversampling=" + std::to_string(self.link.options().oversampling) + ")";
       });
+  m.def(
+      "ricean_reflections",
+      [](const Table<"receivers_m">& receivers_m, const RealArray<"transmitter_m">& transmitter_m,
+         const RealArray<"reflector_m">& reflector_m, double mean, double variance, std::uint64_t seed,
+         std::uint64_t stream) {
+        const auto point = [&](const char* name, std::span<const double> numbers) {
+          if (numbers.size() != receivers_m.columns() || numbers.size() < 2 || numbers.size() > 3) {
+            throw std::invalid_argument(std::string(name) +
+                                        ": as many numbers as receivers_m has columns, 2 or 3, expected");
+          }
+          return Eigen::Vector3d(numbers[0], numbers[1], numbers.size() > 2 ? numbers[2] : 0.0);
+        };
+        const Eigen::Vector3d transmitter = point("transmitter_m", transmitter_m.span());
+        const simulation::RiceanReflector reflector{point("reflector_m", reflector_m.span()), mean, variance};
+        std::vector<Eigen::Vector3d> receivers;
+        for (std::size_t i = 0; i < receivers_m.rows(); ++i)
+          receivers.push_back(point("receivers_m", receivers_m.row(i)));
+        std::vector<double> extra;
+        std::vector<std::complex<double>> gain;
+        for (const Reflection& ray : reflector.reflections(receivers, transmitter, RandomStream(seed, stream))) {
+          extra.push_back(ray.extra_m);
+          gain.push_back(ray.gain);
+        }
+        return py::make_tuple(to_array(std::move(extra)), to_array(std::move(gain)));
+      },
+      py::arg("receivers_m"), py::arg("transmitter_m"), py::arg("reflector_m"), py::kw_only(), py::arg("mean") = 0.33,
+      py::arg("variance") = 0.0625, py::arg("seed"), py::arg("stream") = 0,
+      "Extra path [m] and complex gain over the line of sight of a Ricean reflection at each place.");
 }
 
 }  // namespace soopnav::python

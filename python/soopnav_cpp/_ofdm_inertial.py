@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
@@ -24,6 +24,7 @@ __all__ = [
 ]
 
 _Array = npt.NDArray[np.float64]
+Timing = Callable[[int, int, int, float, float], tuple[float, float]]
 REFERENCE = -1
 
 
@@ -394,6 +395,9 @@ class OfdmInertialNavigator:
         start_s: float = 0.0,
         imu_period_s: float | None = None,
         record_every: int = 1,
+        max_gap_s: float = 600.0,
+        timing: Timing | None = None,
+        epoch_t_s: npt.ArrayLike | None = None,
     ) -> OfdmInertialRun:
         """A whole run from the present state, in one call; the navigator itself stays as it is.
 
@@ -411,6 +415,14 @@ class OfdmInertialNavigator:
             By default the median of the steps. Steps above 1.5 periods are gaps, which are coasted over.
         record_every : int
             Samples between the rows of the history.
+        max_gap_s : float
+            A sample farther ahead than this has a wrong time, and is passed over.
+        timing : callable, optional
+            In place of `tdoa`, timing with the filter in the loop: gets ``(epoch, receiver, transmitter,
+            range_change_m, sigma_m)``, the last two what the filter expects of that boundary, and returns the measured
+            ``(range_change_m, sigma_m)``, a NaN for none.
+        epoch_t_s : array_like, shape (E,), optional
+            When `timing` is asked.
 
         Returns
         -------
@@ -424,10 +436,15 @@ class OfdmInertialNavigator:
         units = _each(imu, self._receivers, "imu")
         imu_t = np.ascontiguousarray(units[0].t_s, dtype=np.float64)
         yaw, force = _stack_imu(units, imu_t)
+        if timing is not None and tdoa is not None:
+            raise ValueError("tdoa, timing: one of them expected")
+        if (timing is None) != (epoch_t_s is None):
+            raise ValueError("timing, epoch_t_s: both or none expected")
         changes = [] if tdoa is None else _each(tdoa, self._receivers, "tdoa")
-        epoch_t = np.ascontiguousarray(changes[0].t_s if changes else np.empty(0), dtype=np.float64)
+        epochs = changes[0].t_s if changes else np.empty(0) if epoch_t_s is None else epoch_t_s
+        epoch_t = np.ascontiguousarray(epochs, dtype=np.float64)
         shape = (len(epoch_t), self._transmitters)
-        z = np.empty((shape[0], self._receivers, shape[1]))
+        z = np.empty((shape[0] if timing is None else 0, self._receivers, shape[1]))
         sigma = np.empty_like(z)
         for index, change in enumerate(changes):
             z[:, index], sigma[:, index] = _epochs(change, epoch_t, shape, "tdoa")
@@ -446,6 +463,8 @@ class OfdmInertialNavigator:
             still,
             still_sigma,
             record_every,
+            max_gap_s,
+            timing,
         )
         return OfdmInertialRun(
             t_s=_frozen(out["t_s"]),
@@ -453,7 +472,7 @@ class OfdmInertialNavigator:
             covariance=_frozen(out["covariance"]),
             state_names=self.state_names,
             epoch_t_s=_frozen(epoch_t.copy()),
-            links=_links(out, z),
+            links=_links(out, out["range_change_m"]),
             reference_status=_frozen(out["reference_status"]),
             imu=ImuCounts(*(out[f"imu_{name}"] for name in ImuCounts.__dataclass_fields__)),
             status=UpdateStatus(out["run_status"]),

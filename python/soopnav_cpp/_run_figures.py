@@ -362,6 +362,7 @@ def rms(
     peaks = [float(value.max()) for value in values if value.size]
     if len(peaks) > 1 and max(peaks) > 15.0 * max(min(peaks), 1e-12):
         axes.set_yscale("log")
+        axes.set_ylim(bottom=0.02 * min(peaks))  # a start that is known exactly is no decade of interest
     else:
         axes.set_ylim(bottom=0.0)
     axes.margins(x=0.0)

@@ -38,6 +38,7 @@ __all__ = [
     "mean_power",
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
+    "ricean_reflections",
     "thermal_noise_dbm",
 ]
 
@@ -178,3 +179,36 @@ def friis_received_power_dbm(
 def thermal_noise_dbm(bandwidth_hz: float, noise_figure_db: float = 0.0) -> float:
     """Thermal noise of a receiver at 290 K: -173.98 dBm in 1 Hz."""
     return _simulation.thermal_noise_dbm(bandwidth_hz, noise_figure_db)
+
+
+def ricean_reflections(
+    receivers_m: npt.ArrayLike,
+    transmitter_m: npt.ArrayLike,
+    reflector_m: npt.ArrayLike,
+    *,
+    mean: float = 0.33,
+    variance: float = 0.0625,
+    seed: int,
+    stream: int = 0,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
+    """Second rays by way of something that reflects with Ricean strength, each time anew (crosby 3.13).
+
+    Parameters
+    ----------
+    receivers_m : array_like, shape (n, 2) or (n, 3)
+    transmitter_m, reflector_m : array_like, shape (2,) or (3,)
+    mean, variance : float
+        The gain's real part is normal about `mean`, its imaginary part about 0, both of `variance`.
+    seed, stream : int
+        Name the strengths; streams of one seed are independent.
+
+    Returns
+    -------
+    extra_m : ndarray, shape (n,)
+        How much longer the way by the reflector is.
+    gain : ndarray, shape (n,), complex128
+        Relative to the line of sight. What `OfdmLink.measure` takes.
+    """
+    return _simulation.ricean_reflections(
+        receivers_m, transmitter_m, reflector_m, mean=mean, variance=variance, seed=seed, stream=stream
+    )

@@ -389,9 +389,96 @@ def test_silent_samples_spread_as_one_silence() -> None:
     np.testing.assert_allclose(apart, whole / np.sqrt(2.0), rtol=1e-6)
 
 
+@pytest.mark.parametrize("what", ["missing", "not finite", "saturated"])
+def test_twenty_seconds_without_sensors(what: str) -> None:
+    """The covariance keeps up with a drive that nobody measures, whatever it is that is wrong with the samples."""
+    path = drive(60.0)
+    t, z = path.change(TRANSMITTERS)
+    hidden = (path.t_s > 20.0) & (path.t_s <= 40.0)
+    nees = []
+    for index in range(30):
+        rng = np.random.default_rng([61, index])
+        imu = path.imu(rng, gyro=0.02)
+        heard = z + SIGMA_M * rng.standard_normal(z.shape)
+        heard[(t > 20.0) & (t <= 40.0)] = np.nan
+        yaw = imu.yaw_rate_radps.copy()
+        if what == "missing":
+            imu = Imu(*(column[~hidden] for column in (imu.t_s, imu.yaw_rate_radps, imu.specific_force_b_mps2)))
+        else:
+            yaw[hidden] = np.nan if what == "not finite" else 2.0
+            imu = replace(imu, yaw_rate_radps=yaw)
+        nav = OfdmInertialNavigator(
+            TRANSMITTERS, gyro_sigma_radps=0.02, ambiguity_m=AMBIGUITY_M, yaw_rate_range_radps=2.0,
+            unmodelled=(2.0, 2.0),
+        )  # fmt: skip
+        run = nav.run(imu, RangeChanges(t, heard, SIGMA_M))
+        at = int(np.searchsorted(run.t_s, 39.99))
+        truth = np.array([np.interp(run.t_s[at], np.r_[0.0, path.t_s], column) for column in path.position.T])
+        e, P = run.position_m[at] - truth, run.position_covariance_m2[at]
+        nees.append(e @ np.linalg.solve(P, e))
+        assert run.imu.gaps == (what == "missing")
+    assert np.mean(nees) < chi2.ppf(1 - 1e-4, 60) / 30
+
+
+def test_a_time_stamp_far_ahead_is_passed_over() -> None:
+    path = drive(10.0)
+    imu = path.imu(None)
+    t = imu.t_s.copy()
+    t[200] = 1.7e9
+    run = OfdmInertialNavigator(TRANSMITTERS).run(replace(imu, t_s=t))
+    assert run.imu.not_after == 1
+    assert run.t_s[-1] == path.t_s[-1]
+    np.testing.assert_allclose(run.position_m[-1], path.position[-1], atol=0.2)  # one sample is missing there
+
+
+def test_a_sample_too_large_for_the_state_is_coasted_over() -> None:
+    path = drive(5.0)
+    imu = path.imu(None)
+    force = imu.specific_force_b_mps2.copy()
+    force[100] = 1e200
+    run = OfdmInertialNavigator(TRANSMITTERS).run(replace(imu, specific_force_b_mps2=force))
+    assert run.status == UpdateStatus.ACCEPTED
+    assert np.isfinite(run.state).all()
+    assert np.isfinite(run.covariance).all()
+
+
+def test_timing_with_the_filter_in_the_loop() -> None:
+    """A callable that answers what was measured is the run on the measurements; its expectation is the model's."""
+    path = drive(20.0)
+    t, z = path.change(RING)
+    rng = np.random.default_rng(71)
+    clock = clock_walk(rng, (0.036, 0.141), 20, len(RING))
+    z = z - clock + SIGMA_M * rng.standard_normal(z.shape)
+    z[7, 2] = np.nan
+    imu = path.imu(rng)
+    nav = OfdmInertialNavigator(RING, clock=(0.036, 0.141), ambiguity_m=AMBIGUITY_M)
+    asked = []
+
+    def timing(epoch: int, receiver: int, transmitter: int, expected_m: float, sigma_m: float) -> tuple[float, float]:
+        asked.append((epoch, receiver, transmitter, z[epoch, transmitter] - expected_m, sigma_m))
+        return float(z[epoch, transmitter]), SIGMA_M
+
+    plain = nav.run(imu, RangeChanges(t, z, SIGMA_M))
+    looped = nav.run(imu, timing=timing, epoch_t_s=t)
+    np.testing.assert_array_equal(looped.state, plain.state)
+    np.testing.assert_array_equal(looped.links.status, plain.links.status)
+    first = np.array([row for row in asked if row[2] == 0])
+    np.testing.assert_allclose(first[:, 3], plain.links.innovation_m[:, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(first[:, 4] ** 2 + SIGMA_M**2, plain.links.variance_m2[:, 0, 0], rtol=1e-9)
+
+    def raises(*_: float) -> tuple[float, float]:
+        raise RuntimeError("no timing today")
+
+    with pytest.raises(RuntimeError, match="no timing today"):
+        nav.run(imu, timing=raises, epoch_t_s=t)
+    with pytest.raises(ValueError, match="tdoa, timing: one of them expected"):
+        nav.run(imu, RangeChanges(t, z, SIGMA_M), timing=timing, epoch_t_s=t)
+
+
 def test_refused_boundaries_leave_the_state() -> None:
     nav = OfdmInertialNavigator(np.vstack([TRANSMITTERS, [[0.0, 0.0]]]), PlanarStart(position_sigma_m=1.0))
     x, P = nav.state, nav.covariance
+    assert (nav.update(np.ones(4), -1.0).status == UpdateStatus.NOT_POSITIVE_DEFINITE).all()
     report = nav.update([np.nan, np.inf, 1.0, 1.0], [1.0, 1.0, 0.0, 1.0])
     assert [UpdateStatus(s).name for s in report.status[0]] == [
         "ABSENT",

@@ -150,6 +150,24 @@ def recordings(folder: Path, drop: slice | None = None) -> tuple[OfdmInertialSce
     return scenario, sensed
 
 
+def test_two_rays_with_a_reference_or_clock_states() -> None:
+    """Their expectation holds what the clocks have done."""
+    for extra in ({"reference_receiver": {}}, {"filter": {"clock_states": True, "gate_m": 15.0}}):
+        scenario = short(
+            ofdm={"boundary": "two_ray", "movement": "fractional_delay"},
+            transmitters=[{"position_m": [x, y]} for x, y in ((1000.0, 1500.0), (-2000.0, 1000.0), (500.0, -2000.0))],
+            transmitter_clocks={"white_frequency_m2ps": 0.036, "frequency_walk_m2ps3": 0.141}, **extra,
+        )  # fmt: skip
+        run = OfdmInertial().run(scenario, 3)
+        assert run.updates is not None
+        assert run.truth is not None
+        assert run.updates.accepted.mean() > 0.95
+        error = run.state[-1] - run.truth.state[-1] if run.state is not None and run.truth.state is not None else None
+        assert error is not None
+        assert run.covariance is not None
+        assert error @ np.linalg.solve(run.covariance[-1], error) < 40.0
+
+
 RECORDED = """
 system = "ofdm_inertial"
 title = "Recorded"
@@ -208,6 +226,14 @@ def test_a_transmitter_at_the_receiver(tmp_path: Path) -> None:
         ("[ofdm]\nsymbols = 0", r"ofdm.symbols: input should be greater than or equal to 1"),
         ("[ofdm]\nbandwith_hz = 20e6", r"ofdm.bandwith_hz: unknown key; did you mean bandwidth_hz\?"),
         ('[ofdm]\nboundary = "two_ray"\noversampling = 15', 'boundary = "two_ray" works at oversampling = 1'),
+        ('[ofdm]\nboundary = "interpolated"', 'boundary = "interpolated" expects true delays'),
+        ("[ofdm]\nprefix = 64", "prefix: 64 must be shorter than the 64 samples"),
+        ("[ofdm]\nupdate_interval_s = 1e-6", "more than 100000 epochs"),
+        ("metrics_start_s = 30.0", "metrics_start_s: 30 leaves nothing of 20 s"),
+        (
+            "[[receivers]]\n[[receivers]]\nimu = { gyro_sigma_radps = 0.2 }",
+            "receivers: all have the same imu; the filter has one set",
+        ),
         ("[filter]\nclock_states = true", "filter.clock_states: needs transmitter_clocks"),
         ("[receiver]\nposition_m = [1.0]", "receiver.position_m: a list of two numbers expected"),
         ('[recorded]\nimu = "nowhere.csv"', "no such file"),

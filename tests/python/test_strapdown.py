@@ -347,6 +347,36 @@ def test_all_transmitters_lost_for_a_minute(path, increments):
 
 
 @pytest.mark.unit
+def test_twenty_seconds_without_usable_samples(path, increments):
+    """Missing, not finite and saturated ones spread alike, and as far as the body may have moved."""
+    t, epochs = 0.01 * np.arange(1, 12001), np.arange(1.0, 121.0)
+    changes = changes_of(path, epochs)
+    changes[30:50] = np.nan
+    spread = []
+    for what in ("missing", "not finite", "saturated", "every other one not finite"):
+        theta, velocity = noisy(increments)
+        keep = np.ones(12000, dtype=bool)
+        if what == "missing":
+            keep[3000:5000] = False
+        elif what == "saturated":
+            theta[3000:5000] = 5.0 * 0.01
+        else:
+            theta[3000 : 5000 : 2 if what.startswith("every") else 1] = np.nan
+        navigator = navigator_of(path, gyro_range_radps=5.0, gap_rate_sigma_radps=0.4, gap_acceleration_sigma_mps2=3.0)
+        run = navigator.run(
+            t[keep], theta[keep], velocity[keep], epochs_s=epochs, range_changes_m=changes, record_every=1
+        )
+        at = int(np.searchsorted(run.t_s, 49.995))
+        error = np.linalg.norm(run.position_m[at] - path.at(run.t_s[at]).position_m[0])
+        spread.append(float(np.linalg.norm(run.sigma[at, 6:9])))
+        assert error < 3.0 * spread[-1], what
+        assert np.isfinite(run.sigma).all()
+    assert spread[1] == pytest.approx(spread[0], rel=0.35)  # one step of 20 s, or 2000 of them
+    assert spread[2] == pytest.approx(spread[1], rel=0.02)
+    assert spread[3] > 0.2 * spread[1]
+
+
+@pytest.mark.unit
 def test_gaps_and_bad_samples_have_names_and_no_nan_comes_out(path, increments):
     theta, velocity = noisy(increments)
     t = 0.01 * np.arange(1, 12001)

@@ -11,6 +11,10 @@
 namespace soopnav::inertial {
 namespace {
 
+// A body at rest turns with the Earth: more than the unit's errors and a slow sway beside it is a turn.
+constexpr double kRestSigmas = 6.0;
+constexpr double kRestRateRadps = 2e-3;
+
 void require(bool holds, const char* name, double value, const char* rule) {
   if (holds) return;
   std::ostringstream text;
@@ -62,6 +66,10 @@ Alignment static_alignment(const Eigen::Vector3d& mean_force_b_mps2, const Eigen
   const double rate_sigma = std::hypot(errors.gyro_bias_sigma_radps, rate_white);
   const double force_sigma = std::hypot(errors.accelerometer_bias_sigma_mps2, force_white);
   const Eigen::Vector3d omega = geometry::earth_rate_ned(place.latitude_rad);
+  if (std::abs(mean_rate_b_radps.norm() - omega.norm()) > kRestSigmas * rate_sigma + kRestRateRadps) {
+    out.status = AlignmentStatus::kNotAtRest;
+    return out;
+  }
   const double tan_lat = -omega.z() / omega.x();
   const bool has_north = std::abs(place.latitude_rad) < kPi / 2.0 - 1.745e-4;
   const double compass_sigma = has_north ? std::hypot(rate_sigma / omega.x(), tan_lat * force_sigma / g)

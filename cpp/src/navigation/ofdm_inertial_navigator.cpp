@@ -325,8 +325,12 @@ UpdateStatus OfdmInertialNavigator::predict(int receiver, const inertial::Planar
   const bool saturated = std::abs(sample.yaw_rate_radps) >= options_.yaw_rate_range_radps ||
                          sample.specific_force_b_mps2.cwiseAbs().maxCoeff() >= options_.specific_force_range_mps2;
   // The motion is at least what a saturated sensor reads, and is off by as much as a vehicle may do.
-  if (saturated) return move_unmodelled(receiver, sample, dt_s);
+  if (saturated) {
+    const UpdateStatus status = move_unmodelled(receiver, sample, dt_s);
+    return status == UpdateStatus::kNonFinite ? coast(receiver, dt_s) : status;
+  }
   const UpdateStatus status = move(receiver, sample, options_.imu, dt_s);
+  if (status == UpdateStatus::kNonFinite) return coast(receiver, dt_s);
   if (status == UpdateStatus::kAccepted) receivers_[static_cast<std::size_t>(receiver)].episode.good(dt_s);
   return status;
 }
@@ -372,6 +376,33 @@ RangeChangeReport summary(const UpdateReport<1>& report) {
 
 }  // namespace
 
+RangeChange OfdmInertialNavigator::predicted(int receiver, int transmitter) const {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  RangeChange out{receiver, transmitter, kNan, kNan};
+  if (receiver < 0 || receiver >= receivers() || transmitter < 0 || transmitter >= transmitters()) return out;
+  const Receiver& r = receivers_[static_cast<std::size_t>(receiver)];
+  const Transmitter& t = transmitters_[static_cast<std::size_t>(transmitter)];
+  const Block<1>& multipath =
+      multipath_[static_cast<std::size_t>(receiver) * transmitters_.size() + static_cast<std::size_t>(transmitter)];
+  const auto ask = [&](auto part) {
+    const LinkModel<decltype(part)> model{
+        {Known<2>(t.position_m), Known<2>(r.start_m), part}, t.bias, multipath, {}, options_.ambiguity_m};
+    LayoutPrediction<1, State> y(filter_.state());
+    if (!model.predict(filter_.state(), y)) return;
+    const auto P = filter_.covariance();
+    double variance = 0.0;
+    for (int a = 0; a < y.touched.size(); ++a) {
+      for (int b = 0; b < y.touched.size(); ++b) {
+        variance += y.H(0, a) * y.H(0, b) * P(y.touched.component(a), y.touched.component(b));
+      }
+    }
+    out.range_change_m = y.z[0];
+    out.sigma_m = std::sqrt(std::max(0.0, variance));
+  };
+  receiver == 0 ? ask(kPlanarPosition) : ask(r.position);
+  return out;
+}
+
 RangeChangeReport OfdmInertialNavigator::take_reference(const RangeChange& row) {
   Transmitter& t = transmitters_[static_cast<std::size_t>(row.transmitter)];
   if (options_.transmitter_clock) {
@@ -379,12 +410,10 @@ RangeChangeReport OfdmInertialNavigator::take_reference(const RangeChange& row) 
                                   row.sigma_m * row.sigma_m, options_.gate));
   }
   RangeChangeReport report;
-  if (!std::isfinite(row.range_change_m) || !std::isfinite(row.sigma_m)) {
+  if (!std::isfinite(row.range_change_m)) {
     report.status = UpdateStatus::kNonFinite;
   } else if (!options_.reference_receiver || present(t.reference_error)) {
     report.status = UpdateStatus::kTooManyRows;
-  } else if (!(row.sigma_m > 0.0)) {
-    report.status = UpdateStatus::kNotPositiveDefinite;
   } else {
     t.reference_m = row.range_change_m;
     t.reference_error = filter_.join(0.0, row.sigma_m * row.sigma_m, "reference error");
@@ -427,7 +456,13 @@ RangeChangeReport OfdmInertialNavigator::take(const RangeChange& row) {
 void OfdmInertialNavigator::update(std::span<const RangeChange> epoch, std::span<RangeChangeReport> reports) {
   const std::size_t rows = std::min(epoch.size(), reports.size());
   for (std::size_t i = 0; i < rows; ++i) {
-    reports[i] = std::isfinite(epoch[i].sigma_m) ? take(epoch[i]) : RangeChangeReport{UpdateStatus::kNonFinite};
+    const double sigma = epoch[i].sigma_m;
+    if (sigma > 0.0 && std::isfinite(sigma)) {
+      reports[i] = take(epoch[i]);
+    } else {
+      reports[i] =
+          RangeChangeReport{std::isfinite(sigma) ? UpdateStatus::kNotPositiveDefinite : UpdateStatus::kNonFinite};
+    }
   }
   for (Transmitter& t : transmitters_) {
     if (!present(t.reference_error)) continue;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -32,9 +33,10 @@ double median_step(std::span<const double> t) {
 
 class Runner {
  public:
-  Runner(OfdmInertialNavigator& navigator, const OfdmInertialData& data)
+  Runner(OfdmInertialNavigator& navigator, const OfdmInertialData& data, const RangeTiming& timing)
       : nav_(navigator),
         data_(data),
+        timing_(timing),
         receivers_(static_cast<std::size_t>(navigator.receivers())),
         transmitters_(static_cast<std::size_t>(navigator.transmitters())),
         now_(data.start_s) {
@@ -45,6 +47,8 @@ class Runner {
     out_.state.reserve(rows * out_.dim);
     out_.covariance.reserve(rows * out_.dim * out_.dim);
     out_.reports.resize(data_.epoch_t_s.size() * receivers_ * transmitters_);
+    out_.range_change_m.assign(data_.range_change_m.begin(), data_.range_change_m.end());
+    out_.range_change_m.resize(out_.reports.size(), std::numeric_limits<double>::quiet_NaN());
     if (referenced_) out_.reference.assign(data_.epoch_t_s.size() * transmitters_, UpdateStatus::kUndefined);
     rows_.resize((receivers_ + 1) * transmitters_);
     reports_.resize(rows_.size());
@@ -56,12 +60,12 @@ class Runner {
   }
 
   OfdmInertialHistory finish() {
-    while (epoch_ < data_.epoch_t_s.size() && !(data_.epoch_t_s[epoch_] >= now_)) too_late();
+    while (epoch_ < data_.epoch_t_s.size() && !(data_.epoch_t_s[epoch_] >= now_)) refuse(UpdateStatus::kTooLate);
     take_epochs();
     record();
     for (std::size_t k = 0; k < data_.imu_t_s.size() && sound(); ++k) {
       const double t = data_.imu_t_s[k];
-      if (!(t > now_) || std::isinf(t)) {
+      if (!(t > now_) || !(t - now_ <= data_.max_gap_s)) {
         ++out_.imu.not_after;
         continue;
       }
@@ -76,7 +80,10 @@ class Runner {
       ++out_.imu.used;
       if (out_.imu.used % data_.record_every == 0) record();
     }
-    if (sound() && epoch_ < data_.epoch_t_s.size()) advance(data_.epoch_t_s.back(), kCoasting);
+    while (sound() && epoch_ < data_.epoch_t_s.size() && data_.epoch_t_s[epoch_] - now_ <= data_.max_gap_s) {
+      advance(data_.epoch_t_s[epoch_], kCoasting);
+    }
+    while (sound() && epoch_ < data_.epoch_t_s.size()) refuse(UpdateStatus::kTimeNotAdvancing);
     if (out_.t_s.back() < now_) record();
     return std::move(out_);
   }
@@ -89,8 +96,8 @@ class Runner {
     const std::size_t links = data_.epoch_t_s.size() * transmitters_;
     require_size("yaw_rate_radps", data_.yaw_rate_radps.size(), receivers_ * n);
     require_size("specific_force_b_mps2", data_.specific_force_b_mps2.size(), receivers_ * n * 2);
-    require_size("range_change_m", data_.range_change_m.size(), links * receivers_);
-    require_size("range_sigma_m", data_.range_sigma_m.size(), links * receivers_);
+    require_size("range_change_m", data_.range_change_m.size(), timing_ ? 0 : links * receivers_);
+    require_size("range_sigma_m", data_.range_sigma_m.size(), timing_ ? 0 : links * receivers_);
     referenced_ = !data_.reference_range_change_m.empty();
     if (referenced_ || !data_.reference_sigma_m.empty()) {
       require_size("reference_range_change_m", data_.reference_range_change_m.size(), links);
@@ -103,6 +110,7 @@ class Runner {
     }
     if (!std::isfinite(data_.start_s)) throw std::invalid_argument("start_s: a finite number expected");
     if (!(data_.imu_period_s >= 0.0)) throw std::invalid_argument("imu_period_s: zero or more expected");
+    if (!(data_.max_gap_s > 0.0)) throw std::invalid_argument("max_gap_s: a positive number expected");
     if (data_.record_every == 0) throw std::invalid_argument("record_every: at least 1 expected");
     for (std::size_t e = 0; e < data_.epoch_t_s.size(); ++e) {
       if (!std::isfinite(data_.epoch_t_s[e]) || (e > 0 && data_.epoch_t_s[e] < data_.epoch_t_s[e - 1])) {
@@ -149,9 +157,9 @@ class Runner {
     if (sound()) out_.status = nav_.predict_links(dt_s);
   }
 
-  void too_late() {
+  void refuse(UpdateStatus status) {
     const auto first = static_cast<std::ptrdiff_t>(epoch_ * receivers_ * transmitters_);
-    std::fill_n(out_.reports.begin() + first, receivers_ * transmitters_, RangeChangeReport{UpdateStatus::kTooLate});
+    std::fill_n(out_.reports.begin() + first, receivers_ * transmitters_, RangeChangeReport{status});
     ++epoch_;
   }
 
@@ -169,7 +177,10 @@ class Runner {
       for (std::size_t r = 0; r < receivers_; ++r) {
         for (std::size_t q = 0; q < transmitters_; ++q) {
           const std::size_t i = (epoch_ * receivers_ + r) * transmitters_ + q;
-          rows_[n++] = {static_cast<int>(r), static_cast<int>(q), data_.range_change_m[i], data_.range_sigma_m[i]};
+          rows_[n] = timing_ ? timed(static_cast<int>(r), static_cast<int>(q))
+                             : RangeChange{static_cast<int>(r), static_cast<int>(q), data_.range_change_m[i],
+                                           data_.range_sigma_m[i]};
+          out_.range_change_m[i] = rows_[n++].range_change_m;
         }
       }
       nav_.update(std::span(rows_).first(n), std::span(reports_).first(n));
@@ -179,6 +190,23 @@ class Runner {
                 out_.reports.begin() + static_cast<std::ptrdiff_t>(epoch_ * receivers_ * transmitters_));
       ++epoch_;
     }
+  }
+
+  // What `timing` measures of a link, from where the navigator expects it.
+  [[nodiscard]] RangeChange timed(int receiver, int transmitter) const {
+    RangeChange predicted = nav_.predicted(receiver, transmitter);
+    if (referenced_ && !nav_.options().transmitter_clock) {
+      const std::size_t i = epoch_ * transmitters_ + static_cast<std::size_t>(transmitter);
+      predicted.range_change_m += data_.reference_range_change_m[i];
+      predicted.sigma_m = std::hypot(predicted.sigma_m, data_.reference_sigma_m[i]);
+    }
+    RangeChange measured{receiver, transmitter, std::numeric_limits<double>::quiet_NaN(), 1.0};
+    if (std::isfinite(predicted.range_change_m) && std::isfinite(predicted.sigma_m)) {
+      measured = timing_(epoch_, predicted);
+      measured.receiver = receiver;
+      measured.transmitter = transmitter;
+    }
+    return measured;
   }
 
   void record() {
@@ -193,6 +221,7 @@ class Runner {
 
   OfdmInertialNavigator& nav_;
   const OfdmInertialData& data_;
+  const RangeTiming& timing_;
   std::size_t receivers_;
   std::size_t transmitters_;
   double now_;
@@ -206,8 +235,8 @@ class Runner {
 
 }  // namespace
 
-OfdmInertialHistory run(OfdmInertialNavigator& navigator, const OfdmInertialData& data) {
-  return Runner(navigator, data).finish();
+OfdmInertialHistory run(OfdmInertialNavigator& navigator, const OfdmInertialData& data, const RangeTiming& timing) {
+  return Runner(navigator, data, timing).finish();
 }
 
 }  // namespace soopnav::navigation

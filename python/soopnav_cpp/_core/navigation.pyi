@@ -227,6 +227,8 @@ class OfdmInertialNavigator:
         reference_range_change_m: numpy.typing.ArrayLike,
         reference_sigma_m: numpy.typing.ArrayLike,
         record_every: typing.SupportsInt | typing.SupportsIndex,
+        max_gap_s: typing.SupportsFloat | typing.SupportsIndex,
+        timing: typing.Any,
     ) -> dict:
         """
         A whole run, on a copy.

@@ -27,6 +27,7 @@ __all__: list[str] = [
     "mean_power",
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
+    "ricean_reflections",
     "thermal_noise_dbm",
 ]
 
@@ -453,6 +454,20 @@ def noise_variance_for_snr(
 ) -> float:
     """
     Noise variance per sample that stands snr_db below the signal.
+    """
+
+def ricean_reflections(
+    receivers_m: numpy.typing.ArrayLike,
+    transmitter_m: numpy.typing.ArrayLike,
+    reflector_m: numpy.typing.ArrayLike,
+    *,
+    mean: typing.SupportsFloat | typing.SupportsIndex = 0.33,
+    variance: typing.SupportsFloat | typing.SupportsIndex = 0.0625,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    stream: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.complex128]]:
+    """
+    Extra path [m] and complex gain over the line of sight of a Ricean reflection at each place.
     """
 
 def thermal_noise_dbm(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,12 +64,18 @@ def run(
     require("matplotlib.figure", "plot", "drawing")
     if only is not None and only > scenario.runs:
         raise ValueError(f"--only {only}: the scenario has {scenario.runs} run{'s' * (scenario.runs != 1)}")
+    check = getattr(system, "check", None)
+    if check is not None:
+        check(scenario)
+    folder = out if out is not None else Path(f"{path.stem}.run")
+    folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is to be known before the runs
     outcomes = execute(system, scenario, jobs=jobs, only=only, step=step, failed=_tell)
     failed = [outcome for outcome in outcomes if outcome.error]
     results = report.results_of(path, system, scenario, outcomes)
     if results is None:
+        with contextlib.suppress(OSError):  # there was something in it before
+            folder.rmdir()
         return Done(f"{path.name}: all {len(outcomes)} runs failed" if len(outcomes) > 1 else "", None, failed)
-    folder = out if out is not None else Path(f"{path.stem}.run")
     step("writing the report")
     written = report.write(results, folder)
     return Done(f"{results.title}: {report.verdict(results)}", written, failed)

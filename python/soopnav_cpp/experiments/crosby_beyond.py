@@ -86,7 +86,11 @@ def between_samples(lab: Lab) -> Iterator[Claim]:
         coverage(tracks),
         band(0.65, 0.90),
     )
-    yield Claim("its cost over that of the 20 MHz correlator", cost_ratio(), at_most(2.0))
+    yield Claim(
+        "its cost over that of a boundary to the nearest sample, both with correlator and energies",
+        cost_ratio(),
+        at_most(2.0),
+    )
 
 
 BLOCKS_S = [(20.0, 50.0), (70.0, 100.0)]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
+import pydantic
 from pydantic import Field
 
 from soopnav_cpp.config import Model
@@ -69,6 +70,14 @@ class Scenario(Model):
     metrics_start_s: Annotated[float, Field(ge=0.0)] = 0.0
     origin: Origin | None = None
     start_utc: datetime.datetime | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _something_counts(self) -> Scenario:
+        if self.metrics_start_s >= self.duration_s:
+            raise ValueError(
+                f"metrics_start_s: {self.metrics_start_s:g} leaves nothing of {self.duration_s:g} s (duration_s)"
+            )
+        return self
 
 
 def _set(item: Any, name: str, value: object) -> None:

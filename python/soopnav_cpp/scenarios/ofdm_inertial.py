@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -34,6 +33,11 @@ __all__ = [
 _Array = npt.NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+_MOST_EPOCHS = 100_000
+_MOST_SAMPLES = 20_000_000
+_MOST_SYMBOLS = 65_536  # of an epoch, one more being sent
+_MOST_IQ = 1 << 24
+_MOST_PROFILE = 256  # samples of a symbol that the estimators between samples know profiles of
 
 
 def _two_numbers(value: object) -> object:
@@ -117,11 +121,14 @@ class ReceiverSettings(Model):
         At the start.
     heading_deg : float
         At the start, from the first axis towards the second. A drive through waypoints sets out along its way.
+    velocity_mps : list of two numbers
+        At the start of a recording; a simulated drive begins at rest.
     imu, trajectory : table
     """
 
     position_m: Vector2 = (0.0, 0.0)
     heading_deg: float = 0.0
+    velocity_mps: Vector2 = (0.0, 0.0)
     imu: ImuSettings = ImuSettings()
     trajectory: TrajectorySettings = TrajectorySettings()
 
@@ -172,7 +179,7 @@ class OfdmSettings(Model):
     subcarriers: Annotated[int, Field(ge=2, le=8192)] = 64
     prefix: Annotated[int, Field(ge=1, le=8192)] = 16
     constellation: Literal["qpsk", "16qam", "64qam"] = "qpsk"
-    symbols: Annotated[int, Field(ge=1, le=100_000)] = 250
+    symbols: Annotated[int, Field(ge=1, le=_MOST_SYMBOLS - 1)] = 250
     oversampling: Literal[1, 15] = 1
     movement: Literal["interpolate_and_shift", "fractional_delay"] = "interpolate_and_shift"
     boundary: Literal["nearest_sample", "maximum_likelihood", "interpolated", "two_ray"] = "nearest_sample"
@@ -186,6 +193,11 @@ class OfdmSettings(Model):
             raise ValueError(f'boundary = "{self.boundary}" works at oversampling = 1')
         if self.boundary in ("interpolated", "two_ray") and self.movement != "fractional_delay":
             raise ValueError(f'boundary = "{self.boundary}" expects true delays: movement = "fractional_delay"')
+        period = self.subcarriers + self.prefix
+        if self.boundary in ("interpolated", "two_ray") and period > _MOST_PROFILE:
+            raise ValueError(f'boundary = "{self.boundary}": at most {_MOST_PROFILE} samples per symbol, got {period}')
+        if (self.symbols + 1) * period * self.oversampling > _MOST_IQ:
+            raise ValueError(f"symbols: more than {_MOST_IQ} samples in an epoch")
         if self.prefix >= self.subcarriers:
             raise ValueError(f"prefix: {self.prefix} must be shorter than the {self.subcarriers} samples of a symbol")
         return self
@@ -331,8 +343,14 @@ class OfdmInertialScenario(Scenario):
     def _fits(self) -> OfdmInertialScenario:
         if self.receiver is not None and self.receivers:
             raise ValueError("receiver and receivers exclude each other")
-        if len({item.imu.rate_hz for item in self.all_receivers}) > 1:
-            raise ValueError("receivers: all have the same imu.rate_hz")
+        if any(item.imu != self.all_receivers[0].imu for item in self.all_receivers):
+            raise ValueError("receivers: all have the same imu; the filter has one set of its numbers")
+        if self.duration_s / self.ofdm.update_interval_s > _MOST_EPOCHS:
+            raise ValueError(f"ofdm.update_interval_s: more than {_MOST_EPOCHS} epochs in duration_s")
+        if self.duration_s * self.all_receivers[0].imu.rate_hz > _MOST_SAMPLES:
+            raise ValueError(f"imu.rate_hz: more than {_MOST_SAMPLES} samples in duration_s")
+        if self.receiver is not None and self.receiver.velocity_mps != (0.0, 0.0) and not self.recorded.imu:
+            raise ValueError("receiver.velocity_mps: a simulated drive begins at rest")
         if self.duration_s < self.ofdm.update_interval_s:
             raise ValueError(f"duration_s: shorter than ofdm.update_interval_s = {self.ofdm.update_interval_s:g}")
         if (self.recorded.imu or self.recorded.tdoa) and len(self.all_receivers) > 1:
@@ -394,6 +412,13 @@ class OfdmInertial:
     title = "planar inertial navigation on the block boundaries of OFDM transmitters (crosby)"
     scenario = OfdmInertialScenario
     example = EXAMPLE
+
+    def check(self, scenario: OfdmInertialScenario) -> None:
+        """Read what a scenario names, once and before any run."""
+        from soopnav_cpp.scenarios import ofdm_inertial_pipeline as pipeline
+
+        if scenario.recorded.tdoa is not None:
+            pipeline.sense(scenario, scenario.seed)
 
     def run(self, scenario: OfdmInertialScenario, seed: int) -> SystemRun:
         """One run: all randomness comes from the seed."""
@@ -477,9 +502,10 @@ def _imu_notes(run: OfdmInertialRun) -> tuple[str, ...]:
         notes.append(f"IMU: {imu.not_finite} samples not finite, coasted over")
     if imu.saturated:
         notes.append(f"IMU: {imu.saturated} samples saturated, used with the noise of unmodelled motion")
+    if run.status != UpdateStatus.ACCEPTED:
+        why = run.status.name.lower().replace("_", " ")
+        notes.append(f"the run ended at {run.t_s[-1]:.2f} s: a prediction was refused ({why})")
     lost = int(np.count_nonzero(run.links.rejected))
     if lost:
         notes.append(f"{lost} of {run.links.status.size} boundaries rejected")
-    if not math.isfinite(float(run.state[-1].sum())):
-        notes.append("the state is not finite")
     return tuple(notes)

@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import ofdm, simulation
-from soopnav_cpp.estimation import UpdateStatus
-from soopnav_cpp.navigation import LinkReport, OfdmInertialNavigator, OfdmInertialRun, PlanarStart, RangeChanges
-from soopnav_cpp.scenarios.files import ImuData, read_imu, read_tdoa, read_truth
+from soopnav_cpp.navigation import OfdmInertialNavigator, OfdmInertialRun, PlanarStart, RangeChanges
+from soopnav_cpp.scenarios.files import ImuData, TruthData, read_imu, read_tdoa, read_truth
 from soopnav_cpp.scenarios.ofdm_inertial import OfdmInertialScenario, OfdmSettings, ReceiverSettings
 
 __all__ = ["Sensed", "navigate", "numerology", "range_changes", "sense", "starts", "trajectory_of"]
@@ -57,8 +56,7 @@ class Sensed:
     clock_bias_m : ndarray, shape (E, K), or None
         Of the transmitters.
     trajectories : sequence or None
-    recorded_truth : tuple or None
-        Times, and heading, velocity, position at them.
+    recorded_truth : TruthData or None
     notes : tuple of str
     """
 
@@ -69,7 +67,7 @@ class Sensed:
     reflection_gain: _Complex | None = None
     clock_bias_m: _Array | None = None
     trajectories: Sequence[Any] | None = None
-    recorded_truth: tuple[_Array, _Array] | None = None
+    recorded_truth: TruthData | None = None
     notes: tuple[str, ...] = ()
 
     def truth_at(self, t_s: _Array) -> list[_Array] | None:
@@ -78,8 +76,10 @@ class Sensed:
             return [_states(trajectory, t_s) for trajectory in self.trajectories]
         if self.recorded_truth is None:
             return None
-        t, state = self.recorded_truth
-        return [np.column_stack([np.interp(t_s, t, column) for column in state.T])]
+        truth, n = self.recorded_truth.at(t_s), len(t_s)
+        heading = np.full(n, np.nan) if truth.heading_rad is None else truth.heading_rad
+        velocity = np.full((n, 2), np.nan) if truth.velocity_mps is None else truth.velocity_mps[:, :2]
+        return [np.column_stack([heading, velocity, truth.position_m[:, :2]])]
 
 
 def _states(trajectory: Any, t_s: _Array) -> _Array:
@@ -127,12 +127,9 @@ def numerology(scenario: OfdmInertialScenario) -> ofdm.Numerology:
 
 def starts(scenario: OfdmInertialScenario, sensed: Sensed) -> list[PlanarStart]:
     """What the receivers know when they set out."""
-    if sensed.trajectories is None and sensed.recorded_truth is not None:
-        state = np.nan_to_num(sensed.recorded_truth[1][0])
-        return [PlanarStart(float(state[0]), (float(state[1]), float(state[2])), (float(state[3]), float(state[4])))]
     if sensed.trajectories is None:
         receiver = scenario.all_receivers[0]
-        return [PlanarStart(heading_rad=math.radians(receiver.heading_deg), position_m=receiver.position_m)]
+        return [PlanarStart(math.radians(receiver.heading_deg), receiver.velocity_mps, receiver.position_m)]
     out = []
     for trajectory in sensed.trajectories:
         s = _states(trajectory, np.zeros(1))[0]
@@ -182,14 +179,22 @@ def _reflections(
     settings = scenario.reflector
     if settings is None:
         return None
-    at, sources = np.array(settings.position_m), scenario.transmitters_m
-    direct = np.linalg.norm(position_m[:, None] - sources, axis=2)
-    extra = np.linalg.norm(position_m - at, axis=1)[:, None] + np.linalg.norm(sources - at, axis=1) - direct
-    rng = np.random.default_rng([seed, _REFLECTION, receiver])
-    if settings.strength is None:
-        normal = math.sqrt(settings.variance) * rng.standard_normal((2, *extra.shape))
-        gain = settings.mean + normal[0] + 1j * normal[1]
-    else:
+    columns = [
+        simulation.ricean_reflections(
+            position_m,
+            source,
+            settings.position_m,
+            mean=settings.mean,
+            variance=settings.variance,
+            seed=seed,
+            stream=_stream(_REFLECTION, 64 * receiver + k),
+        )
+        for k, source in enumerate(scenario.transmitters_m)
+    ]
+    extra = np.column_stack([column[0] for column in columns])
+    gain = np.column_stack([column[1] for column in columns])
+    if settings.strength is not None:
+        rng = np.random.default_rng([seed, _REFLECTION, receiver])
         phase = rng.uniform(0.0, 2.0 * math.pi, extra.shape)
         gain = rng.uniform(*settings.strength, extra.shape) * np.exp(1j * phase)
     if settings.blocks_s:
@@ -326,10 +331,12 @@ def _recorded(scenario: OfdmInertialScenario, seed: int) -> Sensed:
     truth = None
     if recorded.truth is not None:
         track = read_truth(recorded.truth, repair=recorded.repair)
-        n = len(track.t_s)
-        heading = np.full(n, np.nan) if track.heading_rad is None else np.unwrap(track.heading_rad)
-        velocity = np.full((n, 2), np.nan) if track.velocity_mps is None else track.velocity_mps[:, :2]
-        truth = (track.t_s, np.column_stack([heading, velocity, track.position_m[:, :2]]))
+        if track.t_s[0] > 0.0 or track.t_s[-1] < scenario.duration_s:
+            raise ValueError(
+                f"{recorded.truth}: {track.t_s[0]:g} … {track.t_s[-1]:g} s: 0 … duration_s = {scenario.duration_s:g} s "
+                "expected"
+            )
+        truth = track
         notes += tuple(f"{recorded.truth.name}: {sentence}" for sentence in track.dropped)
     if recorded.imu is None:
         trajectory = trajectory_of(scenario.all_receivers[0], scenario.duration_s)
@@ -418,64 +425,16 @@ def navigate(
 def _with_two_rays(
     scenario: OfdmInertialScenario, sensed: Sensed, navigator: OfdmInertialNavigator, record_every: int
 ) -> OfdmInertialRun:
-    """Stepwise: the timing of each epoch starts from where the filter expects the boundary."""
+    """The timing of each epoch starts from where the filter expects the boundary."""
     assert sensed.folded is not None
-    timing = ofdm.TwoRayTiming(numerology(scenario), scenario.ofdm.symbols)
-    sources, begin = scenario.transmitters_m, starts(scenario, sensed)
-    first = [np.linalg.norm(np.array(start.position_m) - sources, axis=1) for start in begin]
-    epoch_t = sensed.tdoa[0].t_s
-    receivers, transmitters = len(sensed.imu), len(sources)
-    status = np.full((len(epoch_t), receivers, transmitters), int(UpdateStatus.ABSENT), dtype=np.uint8)
-    numbers = np.full((3, *status.shape), np.nan)
-    rows, imu_t, now, epoch = [(0.0, navigator.state, navigator.covariance)], sensed.imu[0].t_s, 0.0, 0
+    folded, estimator = sensed.folded, ofdm.TwoRayTiming(numerology(scenario), scenario.ofdm.symbols)
+    least = scenario.filter.prediction_sigma_m
 
-    def advance(to: float, k: int) -> None:
-        nonlocal now
-        for r in range(receivers):
-            unit = sensed.imu[r]
-            navigator.predict(unit.yaw_rate_radps[k], unit.specific_force_b_mps2[k], to - now, receiver=r)
-        navigator.predict_links(to - now)
-        now = to
+    def timing(epoch: int, receiver: int, transmitter: int, expected_m: float, sigma_m: float) -> tuple[float, float]:
+        found = estimator.estimate(folded[receiver, epoch, transmitter], expected_m, max(sigma_m, least))
+        return (found.range_m, found.sigma_m) if found.status == ofdm.BoundaryStatus.OK else (math.nan, 1.0)
 
-    for k, t in enumerate(imu_t):
-        while epoch < len(epoch_t) and epoch_t[epoch] <= t + 1e-9:
-            if epoch_t[epoch] > now:
-                advance(float(epoch_t[epoch]), k)
-            z, sigma = np.full((2, receivers, transmitters), np.nan)
-            state, P = navigator.state, navigator.covariance
-            for r in range(receivers):
-                at = navigator.receiver_at(r) + 3
-                offset = state[at : at + 2] - sources
-                far = np.linalg.norm(offset, axis=1)
-                for q in range(transmitters):
-                    u = offset[q] / far[q]
-                    spread = max(math.sqrt(u @ P[at : at + 2, at : at + 2] @ u), scenario.filter.prediction_sigma_m)
-                    found = timing.estimate(sensed.folded[r, epoch, q], far[q] - first[r][q], spread)
-                    if math.isfinite(found.range_m):
-                        z[r, q], sigma[r, q] = found.range_m, found.sigma_m
-            taken = navigator.update(z, np.where(np.isnan(sigma), 1.0, sigma))
-            status[epoch] = taken.status
-            numbers[:, epoch] = taken.innovation_m, taken.variance_m2, taken.nis
-            epoch += 1
-        if t > now:
-            advance(float(t), k)
-        if (k + 1) % record_every == 0 or k + 1 == len(imu_t):
-            rows.append((now, navigator.state, navigator.covariance))
-    plain = navigator_history(navigator, rows)
-    return OfdmInertialRun(**{**plain, "epoch_t_s": epoch_t, "links": LinkReport(status, *numbers)})
-
-
-def navigator_history(navigator: OfdmInertialNavigator, rows: list[tuple[float, _Array, _Array]]) -> dict[str, Any]:
-    """The fields of an `OfdmInertialRun` from rows of time, state and covariance."""
-    from soopnav_cpp.navigation import ImuCounts
-
-    return {
-        "t_s": np.array([row[0] for row in rows]),
-        "state": np.array([row[1] for row in rows]),
-        "covariance": np.array([row[2] for row in rows]),
-        "state_names": navigator.state_names,
-        "reference_status": np.empty((0, 0), dtype=np.uint8),
-        "imu": ImuCounts(len(rows) - 1, 0, 0, 0, 0, 0.0),
-        "status": UpdateStatus.ACCEPTED,
-        "firsts": tuple(i for i in map(navigator.receiver_at, range(16)) if i >= 0),
-    }
+    return navigator.run(
+        list(sensed.imu), reference=sensed.reference, record_every=record_every, timing=timing,
+        epoch_t_s=sensed.tdoa[0].t_s,
+    )  # fmt: skip

@@ -107,6 +107,8 @@ TEST(StaticAlignment, SaysWhyNot) {
   const AlignmentErrors poor{.gyro_bias_sigma_radps = 2.4e-5};
   EXPECT_EQ(static_alignment(rest.force, rest.rate, 10.0, home, poor).status, AlignmentStatus::kNoHeading);
   EXPECT_EQ(static_alignment(1.2 * rest.force, rest.rate, 10.0, home, {}).status, AlignmentStatus::kNotAtRest);
+  const Eigen::Vector3d turning(0.3, 0.1, 0.0);
+  EXPECT_EQ(static_alignment(rest.force, turning, 10.0, home, {}).status, AlignmentStatus::kNotAtRest);
   EXPECT_EQ(static_alignment({kNan, 0, 0}, rest.rate, 10.0, home, {}).status, AlignmentStatus::kNonFinite);
   EXPECT_EQ(static_alignment({0, 0, -9.83}, {0, 0, 0}, 10.0, {kPi / 2.0, 0.0, 0.0}, {}).status,
             AlignmentStatus::kNearPole);
@@ -180,7 +182,15 @@ TEST(ImuGuard, NamesEverySample) {
   EXPECT_EQ(planar.judge(0.04, Eigen::Matrix<double, 1, 1>(-2.0), Eigen::Vector2d(0.0, 1.0)).status,
             ImuStatus::kSaturated);
   EXPECT_THROW(ImuGuard({.period_s = 0.0}), std::invalid_argument);
+  // A time that nothing missing explains is wrong, and those after it are not.
+  EXPECT_EQ(planar.judge(1.7e9, Eigen::Matrix<double, 1, 1>(0.0), Eigen::Vector2d(0.0, 1.0)).status,
+            ImuStatus::kFarAhead);
+  EXPECT_EQ(planar.judge(0.06, Eigen::Matrix<double, 1, 1>(0.0), Eigen::Vector2d(0.0, 1.0)).status, ImuStatus::kOk);
+  // The range itself, as an increment over a rounded time.
+  EXPECT_EQ(planar.judge(0.08, Eigen::Matrix<double, 1, 1>(2.0 * (1.0 - 1e-12)), Eigen::Vector2d(0.0, 1.0)).status,
+            ImuStatus::kSaturated);
   EXPECT_THROW(ImuGuard({.gap_periods = 1.0}), std::invalid_argument);
+  EXPECT_THROW(ImuGuard({.max_gap_s = 0.0}), std::invalid_argument);
   EXPECT_EQ(to_string(ImuStatus::kReversed), "reversed");
   EXPECT_EQ(to_string(static_cast<ImuStatus>(99)), "unknown");
 }

@@ -19,11 +19,13 @@ enum class ImuStatus : std::uint8_t {
   kReversed,   ///< older than the last one: to be left out
   kSaturated,  ///< a rate or a force at the end of its range: its time has passed, its motion is unknown
   kNonFinite,  ///< NaN or infinity in it: its time has passed, its motion is unknown (unless its time is not finite)
+  kFarAhead,   ///< later than anything missing explains, so its time is wrong: to be left out
 };
 
 /// A lower-case phrase for reports: "ok", "gap", ...; "unknown" for a value that is no enumerator.
 [[nodiscard]] constexpr std::string_view to_string(ImuStatus status) noexcept {
-  constexpr std::string_view kNames[] = {"ok", "first", "gap", "duplicate", "reversed", "saturated", "not finite"};
+  constexpr std::string_view kNames[] = {"ok",       "first",     "gap",        "duplicate",
+                                         "reversed", "saturated", "not finite", "far ahead"};
   const auto i = static_cast<std::size_t>(status);
   return i < std::size(kNames) ? kNames[i] : "unknown";
 }
@@ -32,6 +34,7 @@ enum class ImuStatus : std::uint8_t {
 struct ImuLimits {
   double period_s = 0.01;           ///< time between samples
   double gap_periods = 1.5;         ///< more than so many periods after the last: samples are missing
+  double max_gap_s = 600.0;         ///< more than this after the last: its time is wrong
   double duplicate_periods = 0.01;  ///< nearer to the last than this: the same sample again
   double gyro_range_radps = std::numeric_limits<double>::infinity();          ///< saturated at or above, any axis
   double accelerometer_range_mps2 = std::numeric_limits<double>::infinity();  ///< saturated at or above, any axis
@@ -46,6 +49,7 @@ struct ImuLimits {
     };
     require(period_s > 0.0 && std::isfinite(period_s), "period_s", period_s, "it must be positive and finite");
     require(gap_periods > 1.0, "gap_periods", gap_periods, "it must be above 1");
+    require(max_gap_s > 0.0, "max_gap_s", max_gap_s, "it must be positive");
     require(duplicate_periods >= 0.0 && duplicate_periods < 1.0, "duplicate_periods", duplicate_periods,
             "it must lie in [0, 1)");
     require(gyro_range_radps > 0.0, "gyro_range_radps", gyro_range_radps, "it must be positive");
@@ -90,6 +94,10 @@ class ImuGuard {
       const double same = limits_.duplicate_periods * limits_.period_s;
       if (step <= same) {
         verdict.status = step < -same ? ImuStatus::kReversed : ImuStatus::kDuplicate;
+        return verdict;
+      }
+      if (step > limits_.max_gap_s) {
+        verdict.status = ImuStatus::kFarAhead;
         return verdict;
       }
     }

@@ -15,7 +15,9 @@ namespace soopnav::inertial {
 enum class AlignmentStatus : std::uint8_t {
   kAligned,    ///< attitude and covariance are there
   kNoHeading,  ///< level is found, the gyros are too poor for a heading, and none was given
-  kNotAtRest,  ///< the mean specific force is not gravity's, within 5 %
+  /// The mean specific force is not gravity's within 5 %, or the mean rate is not the Earth's within six deviations of
+  /// the gyros and 2 mrad/s.
+  kNotAtRest,
   kNearPole,   ///< the Earth's rate has no horizontal part to find north by, and no heading was given
   kNonFinite,  ///< NaN or infinity among the numbers
 };

@@ -121,8 +121,14 @@ class OfdmInertialNavigator {
   [[nodiscard]] int clock_at(int transmitter) const noexcept;
   [[nodiscard]] int multipath_at(int receiver, int transmitter) const noexcept;
 
-  /// Carries a receiver through `dt_s` [s] on one sample of its sensors. A sample that is not finite or at the end of
-  /// its range says nothing: the receiver coasts, and `UnmodelledMotion` goes into its covariance.
+  /// What a boundary should be: the model's value at the present state (not wrapped) and its standard deviation, from
+  /// the state's covariance alone. NaN for a link that is not there or a transmitter at the receiver. What a timing
+  /// estimator starts from. No allocation.
+  [[nodiscard]] RangeChange predicted(int receiver, int transmitter) const;
+
+  /// Carries a receiver through `dt_s` [s] on one sample of its sensors. A sample that is not finite, or too large for
+  /// the state to stay finite, says nothing: the receiver coasts. One at the end of its range is used. Both put
+  /// `UnmodelledMotion` into the covariance.
   UpdateStatus predict(int receiver, const inertial::PlanarImuSample& sample, double dt_s);
   /// Carries a receiver through `dt_s` without a sample.
   UpdateStatus coast(int receiver, double dt_s);
