@@ -53,8 +53,9 @@ Enum of_word(const char* name, const std::string& word, const std::array<std::pa
   throw std::invalid_argument(std::string(name) + ": \"" + word + "\"; it must be one of " + known);
 }
 
-constexpr std::array<std::pair<const char*, BoundaryMethod>, 3> kMethods{
+constexpr std::array<std::pair<const char*, BoundaryMethod>, 4> kMethods{
     {{"nearest_sample", BoundaryMethod::kNearestSample},
+     {"magnitude", BoundaryMethod::kMagnitude},
      {"maximum_likelihood", BoundaryMethod::kMaximumLikelihood},
      {"interpolated", BoundaryMethod::kInterpolated}}};
 
@@ -153,7 +154,8 @@ void register_boundary(py::module_& m) {
           }),
           py::arg_v("numerology", Numerology{}, "Numerology()"), py::arg("symbols") = 250, py::kw_only(),
           py::arg("oversampling") = 1, py::arg("method") = "nearest_sample", py::arg("snr_db") = py::none(),
-          "method: \"nearest_sample\" (argmax of Re gamma), \"maximum_likelihood\" (with the energy term) or\n"
+          "method: \"nearest_sample\" (argmax of Re gamma), \"magnitude\" (of |gamma|), \"maximum_likelihood\" (with "
+          "the energy term) or\n"
           "\"interpolated\" (between samples; critical sampling, at most 256 samples per symbol). snr_db, per sample,\n"
           "when it is known; otherwise it is estimated. Raises ValueError for what cannot be.")
       .def(

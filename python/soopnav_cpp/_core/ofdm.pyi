@@ -146,7 +146,7 @@ class BoundaryEstimator:
         snr_db: typing.SupportsFloat | typing.SupportsIndex | None = None,
     ) -> None:
         """
-        method: "nearest_sample" (argmax of Re gamma), "maximum_likelihood" (with the energy term) or
+        method: "nearest_sample" (argmax of Re gamma), "magnitude" (of |gamma|), "maximum_likelihood" (with the energy term) or
         "interpolated" (between samples; critical sampling, at most 256 samples per symbol). snr_db, per sample,
         when it is known; otherwise it is estimated. Raises ValueError for what cannot be.
         """

@@ -165,8 +165,9 @@ class OfdmSettings(Model):
         "interpolate_and_shift": whole steps of a fifteenth of a sample, as crosby simulates it; "fractional_delay":
         true delays.
     boundary : str
-        "nearest_sample" (crosby 2.4), "maximum_likelihood" (van de Beek), "interpolated" (between samples), "two_ray"
-        (between samples, aware of one reflection, with the filter's prediction).
+        "nearest_sample" (crosby 2.4), "magnitude" (for any carrier offset), "maximum_likelihood" (van de Beek),
+        "interpolated" (between samples), "two_ray" (between samples, aware of one reflection, with the filter's
+        prediction).
     snr_db : float
         Per sample at the receiver's own rate; without it there is no noise.
     update_interval_s : float
@@ -182,7 +183,7 @@ class OfdmSettings(Model):
     symbols: Annotated[int, Field(ge=1, le=_MOST_SYMBOLS - 1)] = 250
     oversampling: Literal[1, 15] = 1
     movement: Literal["interpolate_and_shift", "fractional_delay"] = "interpolate_and_shift"
-    boundary: Literal["nearest_sample", "maximum_likelihood", "interpolated", "two_ray"] = "nearest_sample"
+    boundary: Literal["nearest_sample", "magnitude", "maximum_likelihood", "interpolated", "two_ray"] = "nearest_sample"
     snr_db: Annotated[float, Field(ge=-60.0, le=100.0)] | None = None
     update_interval_s: Positive = 1.0
     range_sigma_m: Positive | None = None

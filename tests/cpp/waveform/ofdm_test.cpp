@@ -144,8 +144,8 @@ TEST(OfdmCorrelator, EqualsTheDoubleSum) {
 }
 
 TEST(OfdmBoundary, EveryStatus) {
-  for (const auto method :
-       {BoundaryMethod::kNearestSample, BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
+  for (const auto method : {BoundaryMethod::kNearestSample, BoundaryMethod::kMagnitude,
+                            BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
     BoundaryEstimator estimator({}, 10, 1, {method, std::nullopt});
     auto y = string_of({}, 11);
     EXPECT_EQ(estimator.estimate(y).status, BoundaryStatus::kOk);
@@ -200,8 +200,8 @@ TEST(OfdmBoundaryLaw, ASampleLaterIsASampleMoreAndAGainChangesNothing) {
     for (Cf32& x : z) x *= Cf32(-0.03F, 40.0F);
     return z;
   };
-  for (const auto method :
-       {BoundaryMethod::kNearestSample, BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
+  for (const auto method : {BoundaryMethod::kNearestSample, BoundaryMethod::kMagnitude,
+                            BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
     BoundaryEstimator estimator({}, 250, 1, {method, std::nullopt});
     for (const std::size_t late : {0U, 1U, 2U, 39U, 79U}) {
       const Boundary b = estimator.estimate(std::span(y).subspan(80 - late));
@@ -222,8 +222,8 @@ TEST(OfdmBoundaryLaw, ASampleLaterIsASampleMoreAndAGainChangesNothing) {
 }
 
 TEST(OfdmBoundaryLaw, CarrierOffsetsComeBackWithTheirSign) {
-  for (const auto method :
-       {BoundaryMethod::kNearestSample, BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
+  for (const auto method : {BoundaryMethod::kNearestSample, BoundaryMethod::kMagnitude,
+                            BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
     BoundaryEstimator estimator({}, 250, 1, {method, std::nullopt});
     for (const double cfo_hz : {-40e3, -1e3, 25e3}) {
       auto y = string_of({}, 251);
@@ -235,6 +235,21 @@ TEST(OfdmBoundaryLaw, CarrierOffsetsComeBackWithTheirSign) {
       EXPECT_NEAR(std::remainder(b.boundary_samples, 80.0), 0.0, 0.01);
     }
   }
+}
+
+TEST(OfdmBoundaryLaw, MagnitudesDoNotMindACarrierOffset) {
+  auto y = string_of({}, 251);
+  for (std::size_t n = 0; n < y.size(); ++n) {  // nearly half the carriers' spacing: the sum's real part is negative
+    y[n] *= Cf32(std::polar(1.0, 2.0 * M_PI * 150e3 * static_cast<double>(n) / 20e6));
+  }
+  for (const auto method :
+       {BoundaryMethod::kMagnitude, BoundaryMethod::kMaximumLikelihood, BoundaryMethod::kInterpolated}) {
+    const Boundary b = BoundaryEstimator({}, 250, 1, {method, std::nullopt}).estimate(y);
+    EXPECT_NEAR(std::remainder(b.boundary_samples, 80.0), 0.0, 0.01);
+    EXPECT_NEAR(b.cfo_hz, 150e3, 2.0);
+  }
+  const Boundary real = BoundaryEstimator({}, 250).estimate(y);
+  EXPECT_GT(std::abs(std::remainder(real.boundary_samples, 80.0)), 5.0);
 }
 
 TEST(OfdmBoundaryLaw, TheBoundShrinksWithSymbolsAndSnr) {

@@ -150,8 +150,8 @@ struct BoundaryEstimator::Tables {
 BoundaryEstimator::BoundaryEstimator(const Numerology& numerology, int symbols, int oversampling,
                                      const BoundaryOptions& options)
     : options_(options), correlator_(numerology, symbols, oversampling), offset_(0.5 * (1 - oversampling)) {
-  require(options.method == BoundaryMethod::kNearestSample || options.method == BoundaryMethod::kMaximumLikelihood ||
-              options.method == BoundaryMethod::kInterpolated,
+  require(options.method == BoundaryMethod::kNearestSample || options.method == BoundaryMethod::kMagnitude ||
+              options.method == BoundaryMethod::kMaximumLikelihood || options.method == BoundaryMethod::kInterpolated,
           "method", static_cast<int>(options.method), "it must be one of BoundaryMethod");
   if (options.snr_db) {
     require_snr(*options.snr_db);
@@ -190,7 +190,7 @@ Boundary BoundaryEstimator::estimate(IqSpan iq) noexcept {
     for (std::size_t i = m; i < m + correlator_.window(); ++i) sum += energies[i];
     return sum;
   };
-  if (magnitude) {
+  if (magnitude && options_.method != BoundaryMethod::kMagnitude) {
     const double rho = known_rho_ > 0.0 ? known_rho_ : 2.0 * std::abs(gamma[top]) / energy_of(top);
     best = -std::numeric_limits<double>::infinity();
     double energy = energy_of(0);

@@ -14,6 +14,7 @@ namespace soopnav::ofdm {
 /// How a boundary is taken from the correlator.
 enum class BoundaryMethod : std::uint8_t {
   kNearestSample,      ///< argmax of Re gamma (crosby 2.4)
+  kMagnitude,          ///< argmax of |gamma|: the same for any carrier offset
   kMaximumLikelihood,  ///< argmax of |gamma| - rho Phi, the energy term Phi included (van de Beek et al. 1997)
   kInterpolated,       ///< between samples: likelihood of the folded pairs against band-limited profiles
 };
@@ -38,8 +39,9 @@ struct BoundaryOptions {
 
 /// Blind estimator of the symbol boundary from K + 1 symbols.
 ///
-/// kNearestSample and kMaximumLikelihood give whole samples. kInterpolated (doc/ofdm.md eq. 9 to 11) compares the
-/// folded pairs with the correlation profiles of 64 fractions of a sample: coarse by the correlator's top +- 1 sample
+/// kNearestSample, kMagnitude and kMaximumLikelihood give whole samples. kInterpolated (doc/ofdm.md eq. 9 to 11)
+/// compares the folded pairs with the correlation profiles of 64 fractions of a sample: coarse by the correlator's top
+/// +- 1 sample
 /// (+- 3 below 3 dB), every fourth fraction, then its neighbours, then a parabola. It needs critical sampling and M <=
 /// 256. Sigma holds for a signal in white noise without reflections: quantisation, self-noise, noise, and the chance
 /// that the top is a wrong one; interpolated from the likelihood's curvature times what dependent pairs cost (eq. 14),
