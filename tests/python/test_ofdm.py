@@ -135,7 +135,7 @@ def test_what_is_wrong_is_a_sentence_or_a_status() -> None:
         ofdm.Numerology(1, 1)
     with pytest.raises(ValueError, match=r"^prefix: 64; "):
         ofdm.Numerology(64, 64)
-    with pytest.raises(ValueError, match=r'^method: "best"; it must be one of "nearest_sample", "maximum_l'):
+    with pytest.raises(ValueError, match=r'^method: "best"; it must be one of "nearest_sample", "magnitude", "m'):
         ofdm.BoundaryEstimator(method="best")
     with pytest.raises(ValueError, match=r"^snr_db: nan; it must lie between -60 and 100"):
         ofdm.BoundaryEstimator(snr_db=float("nan"))
