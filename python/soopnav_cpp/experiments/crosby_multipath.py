@@ -107,7 +107,8 @@ def half_s(run: Reflected, epoch: int) -> float:
 
 
 def _draw(lab: Lab, run: Reflected, rate: int, zoom: bool, track: Track | None = None) -> None:
-    what = "with a reflecting tower" if track is None else f"gate of {GATES_M[rate]:g} m"
+    gates = f"gate of {GATES_M[rate]:g} m" + (" and chi-square" if track is run.guarded else "")
+    what = "with a reflecting tower" if track is None else gates
     shown = run.track if track is None else track
     with lab.figure(7.2, 5.6) as figure:
         draw_errors(
