@@ -1,7 +1,8 @@
 """Captures in and out: SigMF recordings and raw interleaved samples.
 
 Samples come back as ``complex64`` with full scale at 1.0: signed integers are divided by half their range, unsigned
-ones (``cu8``) are centred at 127.5 first. Floating-point samples are left as they are.
+ones (``cu8``) are centred at 127.5 first. Floating-point samples are left as they are. Recordings of several channels,
+as an array of antennas makes them, are one row per channel.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import math
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,15 @@ import numpy.typing as npt
 
 from soopnav_cpp._extras import require
 
-__all__ = ["RAW_FORMATS", "CaptureError", "Metadata", "read_iq", "write_iq"]
+__all__ = [
+    "RAW_FORMATS",
+    "CaptureError",
+    "Metadata",
+    "read_iq",
+    "read_iq_channels",
+    "write_iq",
+    "write_iq_channels",
+]
 
 #: Formats of raw files: complex, interleaved I then Q, little-endian.
 RAW_FORMATS = ("cu8", "ci8", "ci16", "cf32")
@@ -46,12 +56,14 @@ class Metadata:
     format : str
         Format of the stored samples, such as ``"ci8"`` or ``"cf32_le"``.
     n_samples : int
-        Number of complex samples.
+        Number of complex samples, of each channel.
     center_frequency_hz : float or None
         Radio frequency that lies at 0 Hz of the baseband, when known.
     datetime_utc : str or None
         Time of the first sample (ISO 8601), when known.
     description : str or None
+    n_channels : int
+        Channels that were sampled together.
     """
 
     path: Path
@@ -61,6 +73,7 @@ class Metadata:
     center_frequency_hz: float | None = None
     datetime_utc: str | None = None
     description: str | None = None
+    n_channels: int = 1
 
     @property
     def duration_s(self) -> float:
@@ -128,21 +141,26 @@ def _checked_rate(rate_hz: object, where: str) -> float:
 
 
 def _read_components(
-    path: Path, fmt: _Format, name: str, skip: list[tuple[int, int]], trailing_bytes: int
+    path: Path, fmt: _Format, name: str, skip: list[tuple[int, int]], trailing_bytes: int, channels: int = 1
 ) -> npt.NDArray[Any]:
-    """Components of `path` without the headers that `skip` lists as (first sample after it, its bytes)."""
+    """Components of `path` without the headers that `skip` lists as (first sample after it, its bytes).
+
+    With several channels a sample of each follows in turn, and samples are counted per channel.
+    """
+    frame_bytes = channels * fmt.sample_bytes
     size = path.stat().st_size
     if size == 0:
         raise CaptureError(f"{path}: the file is empty; {name} samples expected")
     other = sum(n for _, n in skip) + trailing_bytes
     if size <= other:
         raise CaptureError(f"{path}: {size} bytes, but the metadata skips {other} of them; truncated?")
-    if (size - other) % fmt.sample_bytes:
+    if (size - other) % frame_bytes:
+        of_channels = f" of {channels} channels" if channels > 1 else ""
         raise CaptureError(
-            f"{path}: {size - other} bytes of samples are not a whole number of {name} samples "
-            f"({fmt.sample_bytes} bytes each); truncated, or another format?"
+            f"{path}: {size - other} bytes of samples are not a whole number of {name} samples{of_channels} "
+            f"({frame_bytes} bytes each); truncated, or another format?"
         )
-    n_samples = (size - other) // fmt.sample_bytes
+    n_samples = (size - other) // frame_bytes
     parts = []
     position, done = 0, 0
     for start, header in [*skip, (n_samples, 0)]:
@@ -151,8 +169,8 @@ def _read_components(
                 f"{path}: holds {n_samples} samples, but the metadata has a segment at sample {start}; truncated?"
             )
         if start > done:
-            parts.append(np.fromfile(path, dtype=fmt.dtype, count=2 * (start - done), offset=position))
-            position += (start - done) * fmt.sample_bytes
+            parts.append(np.fromfile(path, dtype=fmt.dtype, count=2 * channels * (start - done), offset=position))
+            position += (start - done) * frame_bytes
             done = start
         position += header
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
@@ -192,7 +210,9 @@ def _load_metadata(path: Path) -> dict[str, Any]:
     return metadata
 
 
-def _read_sigmf(path: Path, sample_rate_hz: float | None) -> tuple[npt.NDArray[np.complex64], Metadata]:
+def _read_sigmf(
+    path: Path, sample_rate_hz: float | None, *, one_channel: bool
+) -> tuple[npt.NDArray[np.complex64], Metadata]:
     metadata = _load_metadata(path)
     info, captures = metadata["global"], metadata.get("captures", [])
     if sample_rate_hz is None and "core:sample_rate" not in info:
@@ -200,9 +220,11 @@ def _read_sigmf(path: Path, sample_rate_hz: float | None) -> tuple[npt.NDArray[n
     rate = _checked_rate(info["core:sample_rate"] if sample_rate_hz is None else sample_rate_hz, str(path))
     name = str(info["core:datatype"])
     fmt = _parse_format(name, f"{path}: core:datatype")
-    channels = info.get("core:num_channels", 1)
-    if channels != 1:
+    channels = int(info.get("core:num_channels", 1))
+    if one_channel and channels != 1:
         raise CaptureError(f"{path}: core:num_channels is {channels}; recordings of one channel are read")
+    if channels < 1:
+        raise CaptureError(f"{path}: core:num_channels is {channels}; it must be at least 1")
     if info.get("core:metadata_only"):
         raise CaptureError(f"{path}: core:metadata_only is set, so there are no samples to read")
     tuned = sorted({c["core:frequency"] for c in captures if "core:frequency" in c})
@@ -215,8 +237,8 @@ def _read_sigmf(path: Path, sample_rate_hz: float | None) -> tuple[npt.NDArray[n
     skip = [(int(c["core:sample_start"]), int(c.get("core:header_bytes", 0))) for c in captures]
     if skip != sorted(skip):
         raise CaptureError(f"{path}: captures are not in order of core:sample_start")
-    raw = _read_components(data, fmt, name, skip, int(info.get("core:trailing_bytes", 0)))
-    n_samples = raw.size // 2
+    raw = _read_components(data, fmt, name, skip, int(info.get("core:trailing_bytes", 0)), channels)
+    n_samples = raw.size // (2 * channels)
     for index, note in enumerate(metadata.get("annotations", [])):
         end = int(note["core:sample_start"]) + int(note.get("core:sample_count", 0))
         if end > n_samples:
@@ -235,6 +257,7 @@ def _read_sigmf(path: Path, sample_rate_hz: float | None) -> tuple[npt.NDArray[n
         center_frequency_hz=float(tuned[0]) if tuned else None,
         datetime_utc=first.get("core:datetime"),
         description=info.get("core:description"),
+        n_channels=channels,
     )
 
 
@@ -289,7 +312,7 @@ def read_iq(
             raise FileNotFoundError(f"{meta}: no such file")
         if format is not None:
             raise CaptureError(f"{meta}: format={format!r} is for raw files; SigMF metadata says its own")
-        return _read_sigmf(meta, sample_rate_hz)
+        return _read_sigmf(meta, sample_rate_hz, one_channel=True)
 
     if given.is_dir():
         raise CaptureError(f"{given}: a folder; a SigMF recording or a raw file expected")
@@ -309,6 +332,67 @@ def read_iq(
     rate = _checked_rate(sample_rate_hz, str(given))
     raw = _read_components(given, fmt, name, [], 0)
     return fmt.decode(raw), Metadata(path=given, sample_rate_hz=rate, format=name, n_samples=raw.size // 2)
+
+
+def read_iq_channels(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, sample_rate_hz: float | None = None
+) -> tuple[npt.NDArray[np.complex64], Metadata]:
+    """Read channels that were sampled together, as an array of antennas gives them.
+
+    Parameters
+    ----------
+    path : path, or sequence of paths
+        One SigMF recording with ``core:num_channels``, whose samples lie in turn: the first of every channel, the
+        second of every channel. Or one recording of a single channel per antenna, in the order of the antennas; they
+        must agree in rate, frequency and length.
+    sample_rate_hz : float, optional
+        Goes before ``core:sample_rate``.
+
+    Returns
+    -------
+    iq : ndarray, shape (channels, n), complex64
+        C-contiguous, full scale at 1.0. A recording of one channel is one row.
+    metadata : Metadata
+        Of the recording, or of the first of several.
+
+    Raises
+    ------
+    CaptureError
+        As `read_iq`; for a raw file, which does not say its channels; for recordings that do not fit together.
+    FileNotFoundError
+        When a recording is not there.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        return _read_side_by_side([Path(part) for part in path], sample_rate_hz)
+    given = Path(path)
+    meta = _metadata_path(given)
+    if meta is None:
+        if not given.exists():
+            raise FileNotFoundError(f"{given}: no such file")
+        raise CaptureError(f"{given}: not SigMF; a recording with core:num_channels is needed to know its channels")
+    if not meta.is_file():
+        raise FileNotFoundError(f"{meta}: no such file")
+    iq, metadata = _read_sigmf(meta, sample_rate_hz, one_channel=False)
+    return np.ascontiguousarray(iq.reshape(metadata.n_samples, metadata.n_channels).T), metadata
+
+
+def _read_side_by_side(paths: list[Path], sample_rate_hz: float | None) -> tuple[npt.NDArray[np.complex64], Metadata]:
+    if not paths:
+        raise CaptureError("path: no recording given; one per channel is needed")
+    rows: list[npt.NDArray[np.complex64]] = []
+    first: Metadata | None = None
+    for path in paths:
+        iq, metadata = read_iq(path, sample_rate_hz=sample_rate_hz)
+        first = metadata if first is None else first
+        for name in ("sample_rate_hz", "center_frequency_hz", "n_samples"):
+            if getattr(metadata, name) != getattr(first, name):
+                raise CaptureError(
+                    f"{metadata.path}: {name} is {getattr(metadata, name)}, that of {first.path} is "
+                    f"{getattr(first, name)}; channels of one array agree"
+                )
+        rows.append(iq)
+    assert first is not None
+    return np.stack(rows), dataclasses.replace(first, n_channels=len(rows))
 
 
 def write_iq(
@@ -345,17 +429,77 @@ def write_iq(
         For an empty or two-dimensional array, NaN in an integer format, an unknown format, a rate that is not above
         zero.
     """
-    sigmf = require("sigmf", "io", "writing SigMF")
-    sigmf_validate = require("sigmf.validate", "io", "writing SigMF")
-    given = Path(path)
-    named = given.suffix in (".sigmf-meta", ".sigmf-data")
-    meta = given.with_suffix(".sigmf-meta") if named else given.with_name(given.name + ".sigmf-meta")
-    data = meta.with_suffix(".sigmf-data")
-    fmt = _parse_format(format, str(meta))
-    rate = _checked_rate(sample_rate_hz, str(meta))
+    meta = _written_path(path)
     samples = np.asarray(iq, dtype=np.complex64)
     if samples.ndim != 1 or samples.size == 0:
         raise CaptureError(f"{meta}: iq has shape {samples.shape}; one dimension and at least one sample needed")
+    return _write_sigmf(meta, samples, 1, sample_rate_hz, format, center_frequency_hz, datetime_utc, description)
+
+
+def write_iq_channels(
+    path: str | os.PathLike[str],
+    iq: npt.NDArray[np.complex64],
+    sample_rate_hz: float,
+    *,
+    format: str = "cf32",
+    center_frequency_hz: float | None = None,
+    datetime_utc: str | None = None,
+    description: str | None = None,
+) -> Path:
+    """Write channels that were sampled together as one SigMF recording with ``core:num_channels``.
+
+    Parameters
+    ----------
+    path : path
+        As for `write_iq`.
+    iq : array_like, shape (channels, n), complex
+        Full scale is 1.0. Stored in turn: the first sample of every channel, then the second of every channel.
+    sample_rate_hz, format, center_frequency_hz, datetime_utc, description
+        As for `write_iq`.
+
+    Returns
+    -------
+    Path
+        The ``.sigmf-meta`` file, for `read_iq_channels`.
+
+    Raises
+    ------
+    CaptureError
+        For anything but two dimensions with at least one channel and one sample; otherwise as `write_iq`.
+    """
+    meta = _written_path(path)
+    samples = np.asarray(iq, dtype=np.complex64)
+    if samples.ndim != 2 or samples.size == 0:
+        raise CaptureError(
+            f"{meta}: iq has shape {samples.shape}; two dimensions, channels and samples, and one of each at least"
+        )
+    flat = np.ascontiguousarray(samples.T).reshape(-1)
+    return _write_sigmf(
+        meta, flat, samples.shape[0], sample_rate_hz, format, center_frequency_hz, datetime_utc, description
+    )
+
+
+def _written_path(path: str | os.PathLike[str]) -> Path:
+    given = Path(path)
+    named = given.suffix in (".sigmf-meta", ".sigmf-data")
+    return given.with_suffix(".sigmf-meta") if named else given.with_name(given.name + ".sigmf-meta")
+
+
+def _write_sigmf(
+    meta: Path,
+    samples: npt.NDArray[np.complex64],
+    channels: int,
+    sample_rate_hz: float,
+    format: str,
+    center_frequency_hz: float | None,
+    datetime_utc: str | None,
+    description: str | None,
+) -> Path:
+    sigmf = require("sigmf", "io", "writing SigMF")
+    sigmf_validate = require("sigmf.validate", "io", "writing SigMF")
+    data = meta.with_suffix(".sigmf-data")
+    fmt = _parse_format(format, str(meta))
+    rate = _checked_rate(sample_rate_hz, str(meta))
     if fmt.dtype.kind != "f" and not np.isfinite(samples.view(np.float32)).all():
         raise CaptureError(f"{meta}: iq has samples that are not finite; {format} cannot hold them")
 
@@ -373,6 +517,8 @@ def write_iq(
         "core:recorder": "soopnav",
         "core:sha512": _sha512(data),
     }
+    if channels > 1:
+        info["core:num_channels"] = channels
     if description is not None:
         info["core:description"] = description
     metadata = {"global": info, "captures": [capture], "annotations": []}

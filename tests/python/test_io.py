@@ -362,3 +362,68 @@ def test_recordings_equal_the_sigmf_library(tmp_path):
             samples = (samples * 128 + (0.5 + 0.5j)) / 127.5
         np.testing.assert_allclose(iq, samples, atol=1e-6)
         assert meta.sample_rate_hz == theirs.sample_rate
+
+
+# ---- Several channels
+
+
+@pytest.mark.parametrize("format", ["cf32", "ci16", "ci8"])
+@pytest.mark.parametrize("channels", [1, 4])
+def test_channels_come_back_in_their_rows(tmp_path, format, channels):
+    iq = ((np.arange(3 * channels).reshape(channels, 3) - 2 + 1j * np.arange(3)) / 16).astype(np.complex64)
+    meta_path = io.write_iq_channels(tmp_path / "x", iq, 20e6, format=format, center_frequency_hz=1575.42e6)
+    back, meta = io.read_iq_channels(meta_path)
+    np.testing.assert_array_equal(back, iq)
+    assert back.flags.c_contiguous
+    assert back.dtype == np.complex64
+    assert (meta.n_samples, meta.n_channels, meta.center_frequency_hz) == (3, channels, 1575.42e6)
+    assert meta.duration_s == 3 / 20e6
+
+
+def test_channels_lie_in_turn_in_the_file(tmp_path):
+    iq = np.array([[1, 2], [3, 4]], np.complex64)
+    path = io.write_iq_channels(tmp_path / "x", iq, 1e6)
+    raw = np.fromfile(path.with_suffix(".sigmf-data"), np.complex64)
+    np.testing.assert_array_equal(raw, [1, 3, 2, 4])
+
+
+def test_headers_and_annotations_count_samples_per_channel(tmp_path):
+    path = write_sigmf(tmp_path, bytes([9] * 6) + bytes(range(12)), num_channels=2)
+    edit(path, lambda meta: meta["captures"][0].update({"core:header_bytes": 6}))
+    edit(path, lambda meta: meta["annotations"].append({"core:sample_start": 0, "core:sample_count": 3}))
+    iq, meta = io.read_iq_channels(path)
+    np.testing.assert_array_equal(iq * 128, [[0 + 1j, 4 + 5j, 8 + 9j], [2 + 3j, 6 + 7j, 10 + 11j]])
+    assert meta.n_samples == 3
+    edit(path, lambda meta: meta["annotations"][0].update({"core:sample_count": 4}))
+    with pytest.raises(io.CaptureError, match="holds 3 samples, but annotations"):
+        io.read_iq_channels(path)
+
+
+def test_a_recording_per_channel(tmp_path):
+    rows = np.arange(6).reshape(2, 3).astype(np.complex64)
+    paths = [io.write_iq(tmp_path / f"c{i}", rows[i], 1e6) for i in range(2)]
+    iq, meta = io.read_iq_channels(paths)
+    np.testing.assert_array_equal(iq, rows)
+    assert meta.n_channels == 2
+    paths[1] = io.write_iq(tmp_path / "c1", rows[1, :2], 1e6)
+    with pytest.raises(io.CaptureError, match=r"n_samples is 2, that of .* is 3; channels of one array agree"):
+        io.read_iq_channels(paths)
+    with pytest.raises(io.CaptureError, match="no recording given"):
+        io.read_iq_channels([])
+
+
+def test_refusals_of_several_channels(tmp_path):
+    with pytest.raises(io.CaptureError, match=r"iq has shape \(3,\); two dimensions"):
+        io.write_iq_channels(tmp_path / "x", np.ones(3, np.complex64), 1e6)
+    with pytest.raises(io.CaptureError, match=r"iq has shape \(0, 3\); two dimensions"):
+        io.write_iq_channels(tmp_path / "x", np.ones((0, 3), np.complex64), 1e6)
+    torn = write_sigmf(tmp_path, bytes(10), num_channels=2)
+    with pytest.raises(io.CaptureError, match=r"not a whole number of ci8 samples of 2 channels \(4 bytes each\)"):
+        io.read_iq_channels(torn)
+    with pytest.raises(io.CaptureError, match="core:num_channels is 2; recordings of one channel are read"):
+        io.read_iq(torn)
+    (tmp_path / "y.cf32").write_bytes(bytes(16))
+    with pytest.raises(io.CaptureError, match="not SigMF; a recording with core:num_channels is needed"):
+        io.read_iq_channels(tmp_path / "y.cf32")
+    with pytest.raises(FileNotFoundError):
+        io.read_iq_channels(tmp_path / "none")
