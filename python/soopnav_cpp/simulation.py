@@ -1,5 +1,6 @@
 """What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss;
-whole OFDM links; trajectories, planar and in three dimensions, and what an inertial unit says along them.
+whole OFDM links; arrays of antennas and their front ends; trajectories, planar and in three dimensions, and what an
+inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.
@@ -12,13 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field_limit_m
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
 __all__ = [
+    "ArrayLink",
     "BoundarySeries",
+    "FrontEnd",
     "ImuErrorModel",
     "OfdmLink",
     "Oscillation",
@@ -32,6 +36,8 @@ __all__ = [
     "apply_cfo",
     "apply_clock_error",
     "apply_taps",
+    "down_convert",
+    "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
     "log_distance_path_loss_db",

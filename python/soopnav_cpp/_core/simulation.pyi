@@ -12,7 +12,9 @@ import typing
 
 __all__: list[str] = [
     "BoundarySeries",
+    "FrontEnd",
     "ImuErrorModel",
+    "LinkBudget",
     "OfdmLink",
     "PlanarTrajectory",
     "SensorErrorModel",
@@ -21,6 +23,9 @@ __all__: list[str] = [
     "apply_cfo",
     "apply_clock_error",
     "apply_taps",
+    "array_samples",
+    "down_convert",
+    "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
     "log_distance_path_loss_db",
@@ -28,6 +33,7 @@ __all__: list[str] = [
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
     "ricean_reflections",
+    "sample_covariances",
     "thermal_noise_dbm",
 ]
 
@@ -361,6 +367,70 @@ class OfdmLink:
     @property
     def symbols(self) -> int: ...
 
+class FrontEnd:
+    """
+    Receivers in a row, with the faults that a calibration has to find.
+    """
+    def __init__(
+        self,
+        channels: typing.SupportsInt | typing.SupportsIndex,
+        *,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        noise_figure_db: typing.SupportsFloat | typing.SupportsIndex,
+        gain: collections.abc.Sequence[complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex],
+        phase_delay_rad: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        iq_gain_db: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        iq_phase_rad: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        dc: collections.abc.Sequence[complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex],
+        attenuation_db: typing.SupportsFloat | typing.SupportsIndex,
+        attenuator_step_db: typing.SupportsFloat | typing.SupportsIndex,
+        phase_step_rad: typing.SupportsFloat | typing.SupportsIndex,
+        adc_bits: typing.SupportsInt | typing.SupportsIndex,
+        full_scale_dbm: typing.SupportsFloat | typing.SupportsIndex | None,
+    ) -> None: ...
+    def apply(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        *,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> tuple[numpy.typing.NDArray[numpy.complex64], int]:
+        """
+        iq: the channels' rows one after the other. Returns the samples and how many parts were clipped.
+        """
+    def phase_delay_rad(self, channel: typing.SupportsInt | typing.SupportsIndex) -> float: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def full_scale_dbm(self) -> float: ...
+    @property
+    def noise_floor_dbm(self) -> float: ...
+    @property
+    def rest_attenuation_db(self) -> float: ...
+    @property
+    def stepped_attenuation_db(self) -> float: ...
+
+class LinkBudget:
+    """
+    Power of one emitter from its transmitter to the array's receivers.
+    """
+    def __init__(
+        self,
+        *,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        noise_figure_db: typing.SupportsFloat | typing.SupportsIndex,
+        transmit_power_dbm: typing.SupportsFloat | typing.SupportsIndex,
+        transmit_gain_dbi: typing.SupportsFloat | typing.SupportsIndex,
+        receive_gain_dbi: typing.SupportsFloat | typing.SupportsIndex,
+        splitter_loss_db: typing.SupportsFloat | typing.SupportsIndex,
+        delay_system_loss_db: typing.SupportsFloat | typing.SupportsIndex,
+        excess_loss_db: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def received_power_dbm(self, distance_m: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def noise_floor_dbm(self) -> float: ...
+
 def add_awgn(
     iq: numpy.typing.NDArray[numpy.complex64],
     variance: typing.SupportsFloat | typing.SupportsIndex,
@@ -402,6 +472,44 @@ def apply_taps(
 ) -> numpy.typing.NDArray[numpy.complex64]:
     """
     iq over several paths.
+    """
+
+def array_samples(
+    steering: numpy.typing.ArrayLike,
+    amplitude: numpy.typing.ArrayLike,
+    *,
+    samples: typing.SupportsInt | typing.SupportsIndex,
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    waveform: str = "noise",
+    bandwidth_ratio: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    tone_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    noise_variance: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    delay_s: numpy.typing.ArrayLike | None = None,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    stream: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    Blocks of array samples, shape (epochs, elements, samples). steering: (epochs, waves, elements, 2), amplitude:
+    (epochs, waves), delay_s: (epochs, waves, elements).
+    """
+
+def down_convert(
+    radio: numpy.typing.ArrayLike,
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    lo_hz: typing.SupportsFloat | typing.SupportsIndex,
+    *,
+    decimation: typing.SupportsInt | typing.SupportsIndex,
+    lo_phase_rad: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    A real radio-frequency signal mixed to baseband and decimated.
+    """
+
+def far_field_limit_m(
+    aperture_m: typing.SupportsFloat | typing.SupportsIndex, frequency_hz: typing.SupportsFloat | typing.SupportsIndex
+) -> float:
+    """
+    The distance beyond which waves are flat across an aperture.
     """
 
 def free_space_path_loss_db(
@@ -468,6 +576,18 @@ def ricean_reflections(
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.complex128]]:
     """
     Extra path [m] and complex gain over the line of sight of a Ricean reflection at each place.
+    """
+
+def sample_covariances(
+    steering: numpy.typing.ArrayLike,
+    amplitude: numpy.typing.ArrayLike,
+    *,
+    snapshots: typing.SupportsInt | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    stream: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> numpy.typing.NDArray[numpy.complex128]:
+    """
+    Sample covariances of waves in unit noise from their exact law, shape (epochs, elements, elements).
     """
 
 def thermal_noise_dbm(
