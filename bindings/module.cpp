@@ -10,6 +10,7 @@ PYBIND11_MODULE(_core, m) {
   auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
+  auto gnss = m.def_submodule("gnss", "Satellite navigation: orbits, positions, attitude.");
   auto inertial = m.def_submodule("inertial", "Inertial navigation: increments, mechanisation, alignment, rest.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
   auto measurement = m.def_submodule("measurement", "Measurement models.");
@@ -32,6 +33,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_particle(estimation);
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_gravity(geometry);
+  soopnav::python::register_gnss(gnss);
   soopnav::python::register_inertial(inertial);
   soopnav::python::register_lte(lte);
   soopnav::python::register_ofdm(ofdm);

@@ -12,6 +12,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.process`   process models for filters
 `soopnav_cpp.clock`     oscillators, Allan deviations, fits
 `soopnav_cpp.geometry`  Earth, local frames, directions
+`soopnav_cpp.gnss`      satellite navigation: orbits, RINEX, positions
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
@@ -30,6 +31,7 @@ from soopnav_cpp import (
     dsp,
     estimation,
     geometry,
+    gnss,
     inertial,
     io,
     lte,
@@ -46,6 +48,7 @@ __all__ = [
     "dsp",
     "estimation",
     "geometry",
+    "gnss",
     "inertial",
     "io",
     "lte",

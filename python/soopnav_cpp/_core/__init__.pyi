@@ -7,6 +7,7 @@ from . import clock
 from . import dsp
 from . import estimation
 from . import geometry
+from . import gnss
 from . import inertial
 from . import lte
 from . import measurement
@@ -20,6 +21,7 @@ __all__: list[str] = [
     "dsp",
     "estimation",
     "geometry",
+    "gnss",
     "inertial",
     "lte",
     "measurement",

@@ -1,0 +1,266 @@
+"""RINEX 3 into plain arrays. The parser is georinex; what it would stumble over is taken out, and said."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp._extras import require
+
+_Array = npt.NDArray[np.float64]
+_WEEK_S = 604_800
+_GPS_ORIGIN = np.datetime64("1980-01-06T00:00:00", "ns")
+_LABEL = slice(60, 80)
+
+
+@dataclass
+class _File:
+    """A file's text, cut into header and records.
+
+    Attributes
+    ----------
+    path : Path
+    header : str
+        Up to and with the line END OF HEADER.
+    records : list of str
+        Epochs or messages, each with its line feed.
+    problems : list of str
+    """
+
+    path: Path
+    header: str
+    records: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+    def text(self) -> io.StringIO:
+        return io.StringIO(self.header + "".join(self.records))
+
+
+def _open(path: str | Path, kind: str) -> tuple[_File, list[str]]:
+    path = Path(path)
+    text = path.read_text(encoding="ascii", errors="replace")
+    lines = text.splitlines(keepends=True)
+    label = lines[0][_LABEL].strip() if lines else ""
+    if label != "RINEX VERSION / TYPE":
+        raise ValueError(f"{path}:1: 'RINEX VERSION / TYPE' expected in columns 61 to 80, got {label!r}")
+    version, file_type = lines[0][:9].strip(), lines[0][20:21].upper()
+    if not version.startswith("3."):
+        raise ValueError(f"{path}:1: version 3 expected, got {version!r}")
+    if file_type != kind[0].upper():
+        raise ValueError(f"{path}:1: a file of {kind} ('{kind[0].upper()}') expected, got type {file_type!r}")
+    end = next((i for i, line in enumerate(lines) if line[_LABEL].strip() == "END OF HEADER"), None)
+    if end is None:
+        raise ValueError(f"{path}: ends within the header (line {len(lines)}): 'END OF HEADER' expected")
+    return _File(path, "".join(lines[: end + 1])), lines[end + 1 :]
+
+
+def _observation_epochs(path: str | Path, interval_s: float | None) -> _File:
+    """The file with whole epochs of measurements only, every `interval_s` when given."""
+    file, lines = _open(path, "observations")
+    first = file.header.count("\n") + 1
+    due: float | None = None
+    i = 0
+    while i < len(lines):
+        line, where = lines[i], f"{file.path}:{first + i}"
+        if not line.startswith(">"):
+            if line.strip():
+                file.problems.append(f"{where}: an epoch ('>') expected; line skipped")
+            i += 1
+            continue
+        try:
+            hours, minutes, seconds = float(line[13:15]), float(line[16:18]), float(line[19:29])
+            day = (np.datetime64(f"{line[2:6]}-{line[7:9]}-{line[10:12]}") - np.datetime64("1980-01-06")).astype(int)
+            flag, count = int(line[31]), int(line[32:35])
+        except (ValueError, IndexError):
+            file.problems.append(f"{where}: the epoch line cannot be read; epoch left out")
+            i += 1
+            continue
+        record = lines[i : i + 1 + count]
+        i += 1 + count
+        if len(record) < 1 + count or not record[-1].endswith("\n") or any(r.startswith(">") for r in record[1:]):
+            got = next((k for k, r in enumerate(record[1:]) if r.startswith(">")), len(record) - 1)
+            file.problems.append(f"{where}: epoch cut short ({count} satellites stated, {got} lines); left out")
+            if got < len(record) - 1:
+                i -= count - got
+            continue
+        if flag > 1:
+            file.problems.append(f"{where}: event flag {flag}; its {count} lines are left out")
+            continue
+        if flag == 1:
+            file.problems.append(f"{where}: power failure since the epoch before")
+        t = float(day) * 86_400.0 + hours * 3600.0 + minutes * 60.0 + seconds
+        if interval_s is not None:
+            if due is not None and t < due - 1e-3:
+                continue
+            due = t + interval_s if due is None else due + interval_s * (1 + np.floor((t - due) / interval_s + 1e-6))
+        file.records.append("".join(record))
+    return file
+
+
+def _quiet(function: Any, *args: Any, **options: Any) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return function(*args, **options)
+
+
+def _week_and_second(times: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], _Array]:
+    since = (times.astype("datetime64[ns]") - _GPS_ORIGIN).astype(np.int64)
+    week = since // (_WEEK_S * 10**9)
+    return week, (since - week * (_WEEK_S * 10**9)) / 1e9
+
+
+@dataclass
+class ObservationArrays:
+    """What a file of observations holds: see `soopnav_cpp.gnss.Observations`."""
+
+    week: npt.NDArray[np.int64]
+    time_of_week_s: _Array
+    satellites: tuple[str, ...]
+    columns: dict[str, _Array]
+    position: _Array
+    problems: tuple[str, ...]
+
+
+def read_observations(
+    path: str | Path, systems: str, codes: dict[str, str], interval_s: float | None
+) -> ObservationArrays:
+    """Arrays of a file of observations; `codes` maps a system to the code of its signal, such as ``"1C"``."""
+    georinex = require("georinex", "gnss", "reading RINEX")
+    file = _observation_epochs(path, interval_s)
+    stated = {
+        line[0] for line in file.header.splitlines() if line[_LABEL].strip() == "SYS / # / OBS TYPES" and line[0] != " "
+    }
+    position = np.full(3, np.nan)
+    parts: list[tuple[dict[str, Any], npt.NDArray[Any], list[str]]] = []
+    for system in systems:
+        if system not in stated:
+            have = "".join(sorted(stated)) or "none"
+            raise ValueError(f"systems: {system!r} is not in {file.path}, which has {have!r}")
+        code = codes[system]
+        kinds = [f"{letter}{code}" for letter in "CLDS"]
+        if not file.records:
+            continue
+        data = _quiet(georinex.rinexobs, file.text(), use={system}, meas=kinds, useindicators=True)
+        if "position" in data.attrs:
+            position = np.array(data.attrs["position"], dtype=np.float64)
+        names = [str(name) for name in data.sv.values] if "sv" in data.coords else []
+        columns = {}
+        for key in [*kinds, f"L{code}lli"]:
+            if key in data:
+                columns[key[0] if key in kinds else "lli"] = np.asarray(data[key].values, dtype=np.float64)
+        if names and "C" not in columns:
+            raise ValueError(f"{file.path}: system {system} has no code measurement C{code}")
+        if names:
+            parts.append((columns, data.time.values, names))
+    if not parts:
+        file.problems.append(f"{file.path}: no measurement of {systems}")
+        empty = np.empty((0, 0))
+        columns = dict.fromkeys(("C", "L", "D", "S", "lli"), empty)
+        return ObservationArrays(np.empty(0, np.int64), np.empty(0), (), columns, position, tuple(file.problems))
+    times = np.unique(np.concatenate([part[1] for part in parts]))
+    satellites = tuple(name for part in parts for name in part[2])
+    joined = {key: np.full((len(times), len(satellites)), np.nan) for key in ("C", "L", "D", "S", "lli")}
+    first = 0
+    for columns, part_times, names in parts:
+        rows = np.searchsorted(times, part_times)
+        for key, values in columns.items():
+            joined[key][rows[:, np.newaxis], np.arange(first, first + len(names))] = values
+        first += len(names)
+    order = np.argsort(satellites)
+    week, second = _week_and_second(times)
+    return ObservationArrays(
+        week,
+        second,
+        tuple(satellites[i] for i in order),
+        {key: np.ascontiguousarray(values[:, order]) for key, values in joined.items()},
+        position,
+        tuple(file.problems),
+    )
+
+
+# georinex' name of each field of a record, and ours.
+_FIELDS = {
+    "Toe": "toe_s",
+    "SVclockBias": "af0_s",
+    "SVclockDrift": "af1",
+    "SVclockDriftRate": "af2_ps",
+    "TGD": "tgd_s",
+    "sqrtA": "sqrt_a",
+    "Eccentricity": "eccentricity",
+    "M0": "m0_rad",
+    "DeltaN": "delta_n_radps",
+    "omega": "omega_rad",
+    "Omega0": "omega0_rad",
+    "OmegaDot": "omega_dot_radps",
+    "Io": "i0_rad",
+    "IDOT": "i_dot_radps",
+    "Cuc": "cuc_rad",
+    "Cus": "cus_rad",
+    "Crc": "crc_m",
+    "Crs": "crs_m",
+    "Cic": "cic_rad",
+    "Cis": "cis_rad",
+    "GPSWeek": "week",
+    "health": "health",
+    "IODE": "iode",
+}
+_MESSAGE_LINES = 8
+
+
+def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | None, tuple[str, ...]]:
+    """(one dict of fields for each GPS message, eight Klobuchar coefficients or None, problems)."""
+    georinex = require("georinex", "gnss", "reading RINEX")
+    file, lines = _open(path, "navigation messages")
+    first = file.header.count("\n") + 1
+    starts = [i for i, line in enumerate(lines) if line[:1].strip()]
+    for k, i in enumerate(starts):
+        if not lines[i].startswith("G"):
+            continue
+        end = starts[k + 1] if k + 1 < len(starts) else len(lines)
+        message = lines[i:end]
+        whole = len([line for line in message if line.strip()]) == _MESSAGE_LINES and message[-1].endswith("\n")
+        if whole and all(len(line.rstrip()) >= 79 for line in message[1:7]):
+            file.records.append("".join(message[:_MESSAGE_LINES]))
+        else:
+            file.problems.append(
+                f"{file.path}:{first + i}: message of {lines[i][:3]} cut short ({len(message)} of {_MESSAGE_LINES} "
+                "lines or some incomplete); left out"
+            )
+    if not file.records:
+        file.problems.append(f"{file.path}: no message of GPS")
+        return [], _klobuchar(file.header), tuple(file.problems)
+    data = _quiet(georinex.rinexnav, file.text(), use={"G"})
+    columns = {ours: np.asarray(data[theirs].values, dtype=np.float64) for theirs, ours in _FIELDS.items()}
+    fit_h = np.asarray(data["FitIntvl"].values, dtype=np.float64)
+    weeks, seconds = _week_and_second(data.time.values)
+    messages = []
+    for i, j in zip(*np.nonzero(np.isfinite(columns["sqrt_a"])), strict=True):
+        values = {name: float(column[i, j]) for name, column in columns.items()}
+        if not all(np.isfinite(v) for v in values.values()):
+            file.problems.append(
+                f"{file.path}: a message of {data.sv.values[j]} has a number that cannot be read; left out"
+            )
+            continue
+        values["prn"] = float(str(data.sv.values[j])[1:3])
+        values["toc_s"] = seconds[i] + float(weeks[i] - values["week"]) * _WEEK_S
+        values["fit_interval_s"] = 3600.0 * (fit_h[i, j] if fit_h[i, j] >= 4.0 else 4.0)
+        messages.append(values)
+    return messages, _klobuchar(file.header), tuple(file.problems)
+
+
+def _klobuchar(header: str) -> _Array | None:
+    """The eight coefficients of the header lines GPSA and GPSB."""
+    found: dict[str, list[float]] = {}
+    for line in header.splitlines():
+        if line[_LABEL].strip() == "IONOSPHERIC CORR" and line[:4] in ("GPSA", "GPSB"):
+            try:
+                found[line[:4]] = [float(line[5 + 12 * k : 17 + 12 * k].replace("D", "E")) for k in range(4)]
+            except ValueError:
+                return None
+    return np.array(found["GPSA"] + found["GPSB"]) if len(found) == 2 else None
