@@ -1,3 +1,4 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -7,6 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -17,6 +20,7 @@
 #include "soopnav/geometry/local_frame.hpp"
 #include "soopnav/geometry/wgs84.hpp"
 #include "soopnav/gnss/ephemeris.hpp"
+#include "soopnav/gnss/single_point.hpp"
 
 namespace soopnav::python {
 
@@ -158,6 +162,96 @@ py::tuple sights(const EphemerisTable& table, const RealArray<"prn">& prn, const
                         to_array(std::move(numbers[5]), flat));
 }
 
+// The fixes of many epochs, column by column; see `PointFixes` in Python.
+py::tuple single_points(const EphemerisTable& table, const std::optional<RealArray<"klobuchar">>& coefficients,
+                        const gnss::PointOptions& options, const RealArray<"prn">& prn, const RealArray<"week">& week,
+                        const RealArray<"time_of_week_s">& second, const Numbers<"code_m">& code,
+                        const Numbers<"range_rate_mps">& rate, const Numbers<"sigmas_m">& sigma) {
+  const std::size_t n = week.size();
+  const std::size_t s = prn.size();
+  require_size("time_of_week_s", second.size(), n);
+  if (s > gnss::kMaxSatellites) {
+    throw std::invalid_argument("prn: at most " + std::to_string(gnss::kMaxSatellites) + " satellites, got " +
+                                std::to_string(s));
+  }
+  const auto require_table = [n, s](const char* name, const NumbersBase& values) {
+    const std::vector<py::ssize_t> expected{static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(s)};
+    if (values.shape() == expected) return;
+    throw std::invalid_argument(std::string(name) + ": shape (" + std::to_string(n) + ", " + std::to_string(s) +
+                                ") expected, one row for each epoch and one column for each satellite");
+  };
+  require_table("code_m", code);
+  require_table("range_rate_mps", rate);
+  require_table("sigmas_m", sigma);
+  std::optional<gnss::Klobuchar> klobuchar;
+  if (coefficients) {
+    require_size("klobuchar", coefficients->size(), 8);
+    klobuchar.emplace();
+    for (std::size_t j = 0; j < 4; ++j) {
+      klobuchar->alpha[j] = (*coefficients)[j];
+      klobuchar->beta[j] = (*coefficients)[4 + j];
+    }
+  }
+  const gnss::SinglePoint solver(table, klobuchar, options);
+
+  std::vector<std::uint8_t> status(n), use(n * s);
+  std::vector<std::int64_t> freedom(n), iterations(n);
+  std::vector<double> position(3 * n), covariance(9 * n), level(9 * n), bias(n), bias_sigma(n), dop(5 * n), square(n),
+      velocity(3 * n), velocity_covariance(9 * n), drift(n), open(16 * n, kNan), residual(n * s), azimuth(n * s),
+      elevation(n * s);
+  {
+    const py::gil_scoped_release release;
+    std::vector<gnss::PointMeasurement> measured(s);
+    for (std::size_t k = 0; k < n; ++k) {
+      for (std::size_t i = 0; i < s; ++i) {
+        measured[i].prn = std::abs(prn[i]) < 1e6 ? static_cast<int>(prn[i]) : 0;
+        measured[i].pseudorange_m = code.span()[k * s + i];
+        measured[i].range_rate_mps = rate.span()[k * s + i];
+        measured[i].sigma_m = sigma.span()[k * s + i];
+      }
+      const Epoch t = std::abs(week[k]) < 1e9 ? gnss::gps_epoch(static_cast<std::int64_t>(week[k]), second[k])
+                                              : Epoch::invalid(TimeScale::kGps);
+      const gnss::PointFix fix = solver.fix(t, measured);
+      status[k] = static_cast<std::uint8_t>(fix.status);
+      freedom[k] = fix.degrees_of_freedom;
+      iterations[k] = fix.iterations;
+      const auto offset = [k](std::vector<double>& column, std::size_t width) { return column.data() + k * width; };
+      Eigen::Map<Eigen::Vector3d>(offset(position, 3)) = fix.position_e;
+      Eigen::Map<Eigen::Matrix3d>(offset(covariance, 9)) = fix.covariance_m2;
+      Eigen::Map<Eigen::Matrix3d>(offset(level, 9)) = fix.covariance_enu_m2;
+      Eigen::Map<Eigen::Vector3d>(offset(velocity, 3)) = fix.velocity_e;
+      Eigen::Map<Eigen::Matrix3d>(offset(velocity_covariance, 9)) = fix.velocity_covariance;
+      bias[k] = fix.clock_bias_m;
+      bias_sigma[k] = fix.clock_sigma_m;
+      drift[k] = fix.clock_drift_mps;
+      square[k] = fix.chi_square;
+      Eigen::Map<Eigen::Matrix<double, 5, 1>>(offset(dop, 5)) << fix.dop.gdop, fix.dop.pdop, fix.dop.hdop, fix.dop.vdop,
+          fix.dop.tdop;
+      for (Eigen::Index j = 0; j < fix.unobservable.cols(); ++j) {
+        for (Eigen::Index i = 0; i < 4; ++i)
+          open[k * 16 + static_cast<std::size_t>(4 * j + i)] = fix.unobservable(i, j);
+      }
+      for (std::size_t i = 0; i < s; ++i) {
+        use[k * s + i] = static_cast<std::uint8_t>(fix.use[i]);
+        residual[k * s + i] = fix.residuals_m[i];
+        azimuth[k * s + i] = fix.azimuths_rad[i];
+        elevation[k * s + i] = fix.elevations_rad[i];
+      }
+    }
+  }
+  const auto rows = static_cast<py::ssize_t>(n);
+  const std::vector<py::ssize_t> square_shape{rows, 3, 3};
+  const std::vector<py::ssize_t> each{rows, static_cast<py::ssize_t>(s)};
+  return py::make_tuple(
+      to_array(std::move(status)), to_array(std::move(position), {rows, 3}),
+      to_array(std::move(covariance), square_shape), to_array(std::move(level), square_shape),
+      to_array(std::move(bias)), to_array(std::move(bias_sigma)), to_array(std::move(dop), {rows, 5}),
+      to_array(std::move(square)), to_array(std::move(freedom)), to_array(std::move(iterations)),
+      to_array(std::move(velocity), {rows, 3}), to_array(std::move(velocity_covariance), square_shape),
+      to_array(std::move(drift)), to_array(std::move(open), {rows, 4, 4}), to_array(std::move(use), each),
+      to_array(std::move(residual), each), to_array(std::move(azimuth), each), to_array(std::move(elevation), each));
+}
+
 }  // namespace
 
 void register_gnss(py::module_& m) {
@@ -172,6 +266,47 @@ void register_gnss(py::module_& m) {
   m.def("sights", &sights, py::arg("table"), py::arg("prn"), py::arg("week"), py::arg("time_of_week_s"),
         py::arg("receiver_position_m"), py::arg("receiver_velocity_mps"), py::arg("max_age_s"),
         "(position, velocity, direction, range, range rate, azimuth, elevation, clock_s, clock_rate).");
+  py::native_enum<gnss::PointStatus>(m, "PointStatus", "enum.IntEnum", "How a fix ended.")
+      .value("CONVERGED", gnss::PointStatus::kConverged)
+      .value("INCONSISTENT", gnss::PointStatus::kInconsistent)
+      .value("TOO_FEW_SATELLITES", gnss::PointStatus::kTooFewSatellites)
+      .value("RANK_DEFICIENT", gnss::PointStatus::kRankDeficient)
+      .value("NOT_CONVERGED", gnss::PointStatus::kNotConverged)
+      .finalize();
+  py::native_enum<gnss::SatelliteUse>(m, "SatelliteUse", "enum.IntEnum", "What a fix did with a satellite.")
+      .value("USED", gnss::SatelliteUse::kUsed)
+      .value("NOT_FINITE", gnss::SatelliteUse::kNotFinite)
+      .value("NO_EPHEMERIS", gnss::SatelliteUse::kNoEphemeris)
+      .value("STALE", gnss::SatelliteUse::kStale)
+      .value("UNHEALTHY", gnss::SatelliteUse::kUnhealthy)
+      .value("LOW", gnss::SatelliteUse::kLow)
+      .value("REJECTED", gnss::SatelliteUse::kRejected)
+      .finalize();
+  py::class_<gnss::PointOptions>(m, "PointOptions", "What a fix assumes.")
+      .def(py::init([](double elevation_mask_rad, double sigma_m, double sigma_rate_mps, bool weight_by_elevation,
+                       bool ionosphere, bool troposphere, double relative_humidity, bool reject_outliers,
+                       double false_alarm_probability, double max_age_s, int max_iterations) {
+             const gnss::PointOptions options{.elevation_mask_rad = elevation_mask_rad,
+                                              .sigma_m = sigma_m,
+                                              .sigma_rate_mps = sigma_rate_mps,
+                                              .weight_by_elevation = weight_by_elevation,
+                                              .ionosphere = ionosphere,
+                                              .troposphere = troposphere,
+                                              .relative_humidity = relative_humidity,
+                                              .reject_outliers = reject_outliers,
+                                              .false_alarm_probability = false_alarm_probability,
+                                              .max_age_s = max_age_s,
+                                              .max_iterations = max_iterations};
+             options.check();
+             return options;
+           }),
+           py::kw_only(), py::arg("elevation_mask_rad"), py::arg("sigma_m"), py::arg("sigma_rate_mps"),
+           py::arg("weight_by_elevation"), py::arg("ionosphere"), py::arg("troposphere"), py::arg("relative_humidity"),
+           py::arg("reject_outliers"), py::arg("false_alarm_probability"), py::arg("max_age_s"),
+           py::arg("max_iterations"));
+  m.def("single_points", &single_points, py::arg("table"), py::arg("klobuchar"), py::arg("options"), py::arg("prn"),
+        py::arg("week"), py::arg("time_of_week_s"), py::arg("code_m"), py::arg("range_rate_mps"), py::arg("sigmas_m"),
+        "The fixes of many epochs, column by column.");
   m.def(
       "walker_constellation",
       [](int satellites, int planes, int phasing, double inclination_rad, double radius_m, std::int64_t week,

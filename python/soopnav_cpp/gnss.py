@@ -14,21 +14,27 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp import _rinex
+from soopnav_cpp import _gnss_point, _rinex
 from soopnav_cpp._core import gnss as _gnss
+from soopnav_cpp._core.gnss import PointStatus, SatelliteUse
+from soopnav_cpp._gnss_point import PointFixes
 
 __all__ = [
     "L1_HZ",
     "L1_M",
     "Ephemerides",
     "Observations",
+    "PointFixes",
+    "PointStatus",
     "SatelliteStates",
+    "SatelliteUse",
     "Sights",
     "cycle_slips",
     "read_navigation",
     "read_observations",
     "satellite_state",
     "sights",
+    "single_point",
     "walker_constellation",
 ]
 
@@ -527,3 +533,95 @@ def cycle_slips(
         times[1:, seen], times[0, seen] = times[:-1, seen], elapsed[k]
         last_difference = np.where(seen, difference, last_difference)
     return slips
+
+
+def single_point(
+    observations: Observations,
+    ephemerides: Ephemerides,
+    *,
+    sigmas_m: npt.ArrayLike | None = None,
+    elevation_mask_rad: float = np.deg2rad(10.0),
+    sigma_m: float = 1.0,
+    sigma_rate_mps: float = 0.05,
+    weight_by_elevation: bool = True,
+    ionosphere: bool = True,
+    troposphere: bool = True,
+    relative_humidity: float = 0.7,
+    reject_outliers: bool = True,
+    false_alarm_probability: float = 1e-4,
+    max_age_s: float = 0.0,
+    max_iterations: int = 10,
+    wavelength_m: float = L1_M,
+) -> PointFixes:
+    """Position and clock of each epoch from pseudoranges, velocity from Dopplers, by iterated weighted least squares.
+
+    The model is carter eq. 2.11 and 2.12 with the broadcast orbits and clocks, the Earth's turn during the flight,
+    the broadcast ionosphere (when there are coefficients) and Saastamoinen's troposphere; the solution (2.16) with
+    the normal equations (HᵀWH)⁻¹HᵀW that the print has wrong. No start is needed. Satellites of other systems
+    than GPS are left out.
+
+    Parameters
+    ----------
+    observations : Observations
+    ephemerides : Ephemerides
+    sigmas_m : array_like, shape (n, s) or (s,) or (), optional
+        Standard deviations of the pseudoranges; without it `sigma_m` by elevation. NaN likewise.
+    elevation_mask_rad : float
+        Satellites below are not used.
+    sigma_m, sigma_rate_mps : float
+        Standard deviation of a pseudorange and of a range rate from the zenith.
+    weight_by_elevation : bool
+        1 / sin(elevation) times that lower down.
+    ionosphere, troposphere : bool
+    relative_humidity : float
+    reject_outliers : bool
+        Leave out, one after the other, what contradicts the rest.
+    false_alarm_probability : float
+        Of the test for contradiction.
+    max_age_s : float
+        Of ephemerides; 0: half their fit interval.
+    max_iterations : int
+        Of the corrections.
+    wavelength_m : float
+        Turns Dopplers into range rates.
+
+    Returns
+    -------
+    PointFixes
+        Too few satellites, or satellites in a plane, are no error but a ``status``.
+
+    Raises
+    ------
+    ValueError
+        For an option out of range, shapes that do not fit and more than 64 satellites.
+    """
+    options = _gnss.PointOptions(
+        elevation_mask_rad=elevation_mask_rad,
+        sigma_m=sigma_m,
+        sigma_rate_mps=sigma_rate_mps,
+        weight_by_elevation=weight_by_elevation,
+        ionosphere=ionosphere,
+        troposphere=troposphere,
+        relative_humidity=relative_humidity,
+        reject_outliers=reject_outliers,
+        false_alarm_probability=false_alarm_probability,
+        max_age_s=max_age_s,
+        max_iterations=max_iterations,
+    )
+    shape = observations.code_m.shape
+    sigmas = np.full(shape, np.nan)
+    if sigmas_m is not None:
+        given = np.asarray(sigmas_m, dtype=np.float64)
+        try:
+            sigmas = np.ascontiguousarray(np.broadcast_to(given, shape))
+        except ValueError:
+            raise ValueError(f"sigmas_m: shape {shape} expected, got {given.shape}") from None
+    columns = (
+        observations.prn.astype(np.float64),
+        observations.week.astype(np.float64),
+        observations.time_of_week_s,
+        observations.code_m,
+        -wavelength_m * observations.doppler_hz,
+        sigmas,
+    )
+    return _gnss_point.solve(ephemerides._table, ephemerides.klobuchar, options, columns)
