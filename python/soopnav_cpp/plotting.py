@@ -19,6 +19,7 @@ from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
+from soopnav_cpp._source_figures import bearings_map, bearings_over_time, likelihood, particles, polar_spectrum
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:
@@ -26,10 +27,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "bearings_map",
+    "bearings_over_time",
     "consistency",
     "ellipse_points",
     "errors",
     "innovations",
+    "likelihood",
+    "particles",
+    "polar_spectrum",
     "position_map",
     "rms",
     "scan",

@@ -1,0 +1,532 @@
+"""Figures of direction finding: spectra, bearings over time and on a map, likelihood surfaces, particle clouds.
+
+Bearings are counted from x (east) towards y (north), azimuths of an array from its forward axis towards its left; all
+arguments are radians and metres, what is drawn is in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp import estimation
+from soopnav_cpp._drawing import _COLOURS, _INK, _PALE, _figure, _save, _style, ellipse_points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["bearings_map", "bearings_over_time", "likelihood", "particles", "polar_spectrum"]
+
+Array = npt.NDArray[np.float64]
+Path = str | os.PathLike[str]
+_FLOOR_DB = -30.0
+_MOST_RAYS = 90
+_MOST_FIXES = 8
+_TRUTH = "#111111"
+
+
+def _vector(name: str, values: npt.ArrayLike) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"{name}: expected shape (n,), got {array.shape}")
+    return array
+
+
+def _plane(name: str, values: npt.ArrayLike) -> Array:
+    """The first two columns of positions of two or three components."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise ValueError(f"{name}: expected shape (n, 2) or (n, 3), got {array.shape}")
+    return array[:, :2]
+
+
+def _title(figure: Figure, title: str) -> None:
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=_INK)
+
+
+def polar_spectrum(
+    azimuth_rad: npt.ArrayLike,
+    spectrum: npt.ArrayLike,
+    *,
+    elevation_rad: npt.ArrayLike | None = None,
+    bearings_rad: npt.ArrayLike | None = None,
+    floor_db: float = _FLOOR_DB,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw a spatial spectrum around the array: forward is up, left is left.
+
+    Parameters
+    ----------
+    azimuth_rad : array_like, shape (A,)
+    spectrum : array_like, shape (A,) or (E, A)
+        Power; drawn in decibels below its largest value. With elevations it is a map of the sky as seen from below,
+        the zenith in the middle; without them a curve.
+    elevation_rad : array_like, shape (E,), optional
+        Rows of `spectrum`.
+    bearings_rad : array_like, shape (K,) or (K, 2), optional
+        Directions that were found: azimuths, or azimuths and elevations.
+    floor_db : float
+        What is further below the largest value is drawn there.
+    title : str
+    path : path, optional
+        Written as well, in the format of its suffix.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit, and a spectrum without a value above zero.
+    """
+    azimuth = _vector("azimuth_rad", azimuth_rad)
+    power = np.asarray(spectrum, dtype=np.float64)
+    elevation = None if elevation_rad is None else _vector("elevation_rad", elevation_rad)
+    wanted = azimuth.shape if elevation is None else (elevation.size, azimuth.size)
+    if power.shape != wanted:
+        raise ValueError(f"spectrum: expected shape {wanted}, got {power.shape}")
+    if not floor_db < 0.0:
+        raise ValueError(f"floor_db = {floor_db:g}: less than 0 expected")
+    top = float(np.nanmax(power, initial=0.0))
+    if not (top > 0.0 and math.isfinite(top)):
+        raise ValueError(f"spectrum: a largest value above 0 expected, got {top:g}")
+    level = 10.0 * np.log10(np.maximum(np.nan_to_num(power) / top, 10.0 ** (floor_db / 10.0)))
+    found = np.zeros((0, 2))
+    if bearings_rad is not None:
+        given = np.asarray(bearings_rad, dtype=np.float64)
+        given = given[:, None] if given.ndim == 1 else given
+        if given.ndim != 2 or given.shape[1] not in (1, 2):
+            raise ValueError(f"bearings_rad: expected shape (K,) or (K, 2), got {given.shape}")
+        found = np.column_stack([given[:, 0], given[:, 1] if given.shape[1] == 2 else np.zeros(len(given))])
+    figure = _figure(6.6, 6.6)
+    _title(figure, title)
+    axes: Any = figure.add_subplot(projection="polar")
+    axes.set_theta_zero_location("N")
+    order = np.argsort(azimuth)
+    closed = np.append(azimuth[order], azimuth[order[0]] + 2.0 * np.pi)
+    if elevation is None:
+        curve = np.append(level[order], level[order[0]])
+        axes.plot(closed, curve, color=_COLOURS[0], linewidth=1.4)
+        axes.fill(closed, curve, color=_COLOURS[0], alpha=0.12)
+        axes.set_rlim(floor_db, 2.0)
+        axes.set_rticks([floor_db * k / 3.0 for k in (2, 1, 0)])
+        axes.set_rlabel_position(22.5)
+        for azimuth_k in found[:, 0]:
+            axes.plot([azimuth_k, azimuth_k], [floor_db, 2.0], color=_COLOURS[1], linewidth=1.2, linestyle=(0, (4, 2)))
+        note = "decibels below the highest"
+    else:
+        rows = np.argsort(elevation)
+        sheet = np.column_stack([level[:, order], level[:, order[0]]])[rows]
+        image = axes.pcolormesh(
+            closed, 90.0 - np.degrees(elevation[rows]), sheet, cmap="viridis", shading="gouraud", rasterized=True
+        )
+        outer = 90.0 - math.degrees(float(elevation.min()))
+        axes.set_rlim(0.0, outer)
+        ticks = [r for r in (30.0, 60.0, 90.0) if r <= outer]
+        axes.set_rticks(ticks, [f"{90.0 - r:.0f}°" for r in ticks])
+        axes.set_rlabel_position(22.5)
+        axes.tick_params(axis="y", colors="white")
+        bar = figure.colorbar(image, ax=axes, shrink=0.62, pad=0.09)
+        bar.set_label("decibels below the highest", fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+        bar.outline.set_visible(False)
+        axes.scatter(
+            found[:, 0],
+            90.0 - np.degrees(found[:, 1]),
+            s=130,
+            facecolors="none",
+            edgecolors=_COLOURS[1],
+            linewidths=2.0,
+        )
+        note = "rings: elevation"
+    degrees = np.arange(0, 360, 45)
+    names = ["forward", "45°", "left", "135°", "back", "−135°", "right", "−45°"]
+    axes.set_thetagrids(degrees, names)
+    axes.tick_params(axis="x", labelsize=9, colors=_INK)
+    axes.tick_params(axis="y", labelsize=8)
+    axes.grid(True, color=_PALE, linewidth=0.5, alpha=0.7)
+    if len(found):
+        words = [f"{math.degrees(a):+.1f}°".replace("-", "−") for a in found[:, 0]]
+        if elevation is not None:
+            words = [f"{a} / {math.degrees(e):.1f}°" for a, e in zip(words, found[:, 1], strict=True)]
+        note += f"; found at {', '.join(words)}"
+    figure.text(0.01, 0.012, note, fontsize=8.5, color=_INK, ha="left")
+    return _save(figure, path)
+
+
+def bearings_over_time(
+    t_s: npt.ArrayLike,
+    azimuth_rad: npt.ArrayLike,
+    *,
+    sigma_rad: npt.ArrayLike | None = None,
+    elevation_rad: npt.ArrayLike | None = None,
+    sigma_elevation_rad: npt.ArrayLike | None = None,
+    snr_db: npt.ArrayLike | None = None,
+    source: npt.ArrayLike | None = None,
+    truth_rad: npt.ArrayLike | None = None,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw bearings over time with what is said of their errors; elevations and the SNR below, where they are given.
+
+    Parameters
+    ----------
+    t_s, azimuth_rad : array_like, shape (n,)
+        NaN where there is none.
+    sigma_rad, elevation_rad, sigma_elevation_rad, snr_db, truth_rad : array_like, shape (n,), optional
+    source : array_like of int, shape (n,), optional
+        Whose bearing it is: colours them.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    time, azimuth = _vector("t_s", t_s), _vector("azimuth_rad", azimuth_rad)
+    if azimuth.size != time.size:
+        raise ValueError(f"azimuth_rad: expected {time.size} values, got {azimuth.size}")
+    who = np.zeros(time.size, np.int64) if source is None else np.asarray(source, dtype=np.int64)
+    sigma_deg = None if sigma_rad is None else np.degrees(_vector("sigma_rad", sigma_rad))
+    right_deg = None if truth_rad is None else np.degrees(_vector("truth_rad", truth_rad))
+    rows: list[tuple[str, Array, Array | None, Array | None]] = [
+        ("azimuth [deg]", np.degrees(azimuth), sigma_deg, right_deg)
+    ]
+    if elevation_rad is not None:
+        sigma = None if sigma_elevation_rad is None else np.degrees(_vector("sigma_elevation_rad", sigma_elevation_rad))
+        rows.append(("elevation [deg]", np.degrees(_vector("elevation_rad", elevation_rad)), sigma, None))
+    if snr_db is not None:
+        rows.append(("SNR [dB]", _vector("snr_db", snr_db), None, None))
+    figure = _figure(9.0, 1.2 + 2.2 * len(rows))
+    _title(figure, title)
+    first = None
+    for k, (name, value, sigma, right) in enumerate(rows):
+        axes = figure.add_subplot(len(rows), 1, k + 1, sharex=first)
+        first = first or axes
+        for number in np.unique(who):
+            mine = who == number
+            colour = _COLOURS[int(number) % len(_COLOURS)]
+            if sigma is not None:
+                axes.errorbar(
+                    time[mine], value[mine], yerr=np.minimum(sigma[mine], 180.0), fmt="none", ecolor=colour,
+                    elinewidth=0.8, alpha=0.35,
+                )  # fmt: skip
+            axes.plot(time[mine], value[mine], "o", color=colour, markersize=2.6)
+        if right is not None:
+            axes.plot(time, _without_jumps(right), color=_TRUTH, linewidth=0.9, label="truth")
+            axes.legend(fontsize=8, frameon=False, loc="upper right")
+        _style(axes, "", "time [s]" if k == len(rows) - 1 else "", name)
+        axes.tick_params(labelbottom=k == len(rows) - 1)
+        axes.margins(x=0.01)
+        if k == 0:
+            low, high = np.nanmin(value, initial=180.0), np.nanmax(value, initial=-180.0)
+            if high - low > 300.0:
+                axes.set_ylim(-185.0, 185.0)
+                axes.set_yticks(range(-180, 181, 90))
+    return _save(figure, path)
+
+
+def _without_jumps(degrees: Array) -> Array:
+    """With NaN where a line would cross from one end of the circle to the other."""
+    found = np.array(degrees, dtype=np.float64)
+    found[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
+    return found
+
+
+# ---- maps
+
+
+def _name(fixes: Any) -> dict[str, Any]:
+    return dict(fixes) if isinstance(fixes, Mapping) else ({} if fixes is None else {"emitter": fixes})
+
+
+def _place(item: Any) -> Array | None:
+    """Position of a fix, two components; None where it has none."""
+    position = np.asarray(getattr(item, "position_m", item), dtype=np.float64)
+    return position[:2] if position.ndim == 1 and position.size >= 2 and np.isfinite(position[:2]).all() else None
+
+
+def _spread(item: Any) -> Array | None:
+    covariance = getattr(item, "covariance_m2", None)
+    if covariance is None:
+        return None
+    matrix = np.asarray(covariance, dtype=np.float64)[:2, :2]
+    matrix = 0.5 * (matrix + matrix.T)
+    return matrix if np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > 0.0 else None
+
+
+def _draw_fix(axes: Axes, item: Any, colour: str, name: str, *, size: float = 13.0) -> None:
+    place, spread = _place(item), _spread(item)
+    if place is None:
+        return
+    axes.plot([place[0]], [place[1]], "*", color=colour, markersize=size, markeredgecolor="white", zorder=6, label=name)
+    if spread is not None:
+        ring = ellipse_points(estimation.error_ellipse(spread, probability=0.95)) + place
+        axes.fill(ring[:, 0], ring[:, 1], color=colour, alpha=0.18, linewidth=0, zorder=4)
+        axes.plot(ring[:, 0], ring[:, 1], color=colour, linewidth=1.0, zorder=5)
+
+
+def _draw_truth(axes: Axes, truth_m: npt.ArrayLike | None) -> Array | None:
+    if truth_m is None:
+        return None
+    right = np.atleast_2d(np.asarray(truth_m, dtype=np.float64))[:, :2]
+    if len(right) > 1 and np.ptp(right, axis=0).max() > 0.0:
+        axes.plot(right[:, 0], right[:, 1], color=_TRUTH, linewidth=1.0, zorder=5)
+    axes.plot(
+        [right[-1, 0]], [right[-1, 1]], "x", color=_TRUTH, markersize=9, markeredgewidth=1.8, zorder=7, label="truth"
+    )
+    return right
+
+
+def bearings_map(
+    positions_m: npt.ArrayLike,
+    bearings_rad: npt.ArrayLike,
+    *,
+    sigmas_rad: npt.ArrayLike | None = None,
+    fixes: Any = None,
+    source: npt.ArrayLike | None = None,
+    truth_m: npt.ArrayLike | None = None,
+    line: tuple[npt.ArrayLike, float] | None = None,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw bearings from where they were taken, the positions found from them with 95 % ellipses, and an enlarged map.
+
+    Parameters
+    ----------
+    positions_m : array_like, shape (n, 2) or (n, 3)
+        The platform: east, north.
+    bearings_rad : array_like, shape (n,)
+        From east towards north.
+    sigmas_rad : array_like, shape (n,), optional
+        Bearings that say more are drawn darker, and those of more than 30° as a dot alone.
+    fixes : SourceFix or alike, or mapping of str to such, optional
+        With ``position_m`` and ``covariance_m2``; a bare position will do.
+    source : array_like of int, shape (n,), optional
+        Whose bearing it is: colours them.
+    truth_m : array_like, shape (d,) or (m, d), optional
+        Where the emitter is, or how it moved.
+    line : (point, bearing) of shape (2,) and radians, optional
+        Drawn in place of a position, where bearings give a line alone.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    places = _plane("positions_m", positions_m)
+    bearing = _vector("bearings_rad", bearings_rad)
+    if len(bearing) != len(places):
+        raise ValueError(f"bearings_rad: expected {len(places)} values, got {len(bearing)}")
+    sigma = np.full(len(bearing), 0.05) if sigmas_rad is None else np.broadcast_to(
+        np.asarray(sigmas_rad, dtype=np.float64), bearing.shape)  # fmt: skip
+    who = np.zeros(len(bearing), np.int64) if source is None else np.asarray(source, dtype=np.int64)
+    named = {name: item for name, item in list(_name(fixes).items())[:_MOST_FIXES] if _place(item) is not None}
+    points = [_place(item) for item in named.values()]
+    targets = np.array([p for p in points if p is not None]).reshape(-1, 2)
+    right = None if truth_m is None else np.atleast_2d(np.asarray(truth_m, dtype=np.float64))[:, :2]
+    everything = np.vstack([places, targets, *([] if right is None else [right])])
+    middle, reach = _extent(everything)
+    near = _near(targets, named, right, reach)
+    figure = _figure(11.4 if near else 8.6, 6.4)
+    _title(figure, title)
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.65, 1.0)) if near else figure.add_gridspec(1, 1)
+    for which in range(2 if near else 1):
+        axes = figure.add_subplot(grid[0, which])
+        _style(axes, "" if which == 0 else "Enlarged", "east [m]", "north [m]")
+        axes.set_aspect("equal", adjustable="box")
+        _rays(axes, places, bearing, sigma, who, targets, 2.0 * reach)
+        axes.plot(places[:, 0], places[:, 1], "-", color=_INK, linewidth=1.3, zorder=3, label="platform")
+        axes.plot(places[:, 0], places[:, 1], ".", color=_INK, markersize=2.5, zorder=3)
+        if which == 0:
+            axes.plot([places[0, 0]], [places[0, 1]], "o", color=_INK, markersize=6, zorder=4, label="start")
+        for k, (name, item) in enumerate(named.items()):
+            _draw_fix(axes, item, _COLOURS[(k + 1) % len(_COLOURS)], name)
+        if line is not None:
+            point, angle = np.asarray(line[0], dtype=np.float64)[:2], float(line[1])
+            arm = 2.0 * reach * np.array([math.cos(angle), math.sin(angle)])
+            axes.plot(
+                *np.stack([point, point + arm], axis=1), color=_COLOURS[1], linewidth=2.0, label="the line it is on"
+            )
+        _draw_truth(axes, truth_m)
+        if which == 0:
+            half_x, half_y = np.maximum(0.5 * np.ptp(everything, axis=0), 0.3 * reach) + 0.08 * reach
+            axes.set_xlim(middle[0] - half_x, middle[0] + half_x)
+            axes.set_ylim(middle[1] - half_y, middle[1] + half_y)
+            axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+        elif near:
+            centre, half = near
+            axes.set_xlim(centre[0] - half, centre[0] + half)
+            axes.set_ylim(centre[1] - half, centre[1] + half)
+    return _save(figure, path)
+
+
+def _extent(points: Array) -> tuple[Array, float]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    return 0.5 * (low + high), max(10.0, float((high - low).max()))
+
+
+def _near(targets: Array, named: Mapping[str, Any], right: Array | None, reach: float) -> tuple[Array, float] | None:
+    """Centre and half width of an enlarged map, where ellipses are too small for the large one."""
+    if not len(targets):
+        return None
+    spreads = [s for s in (_spread(item) for item in named.values()) if s is not None]
+    sizes = [2.45 * math.sqrt(float(np.linalg.eigvalsh(s)[-1])) for s in spreads]
+    size = float(np.median(sizes)) if sizes else 0.0
+    centre = np.median(targets, axis=0)
+    around = targets if right is None else np.vstack([targets, right[-1:]])
+    away = np.linalg.norm(around - centre, axis=1)
+    close = away[away < max(30.0 * size, 1.0)]
+    half = 1.35 * max(float(close.max(initial=0.0)) + size, 1e-6)
+    return (centre, half) if 0.0 < half < 0.2 * reach and len(close) else None
+
+
+def _rays(
+    axes: Axes, places: Array, bearing: Array, sigma: Array, who: npt.NDArray[np.int64], targets: Array, length: float
+) -> None:
+    """A share of the bearings as lines, darker where they are better."""
+    pick = np.unique(np.linspace(0, len(bearing) - 1, min(_MOST_RAYS, len(bearing))).round().astype(int))
+    drawn = pick[np.isfinite(bearing[pick]) & (sigma[pick] < math.radians(30.0))]
+    if not drawn.size:
+        return
+    best = float(sigma[drawn].min())
+    ends = np.full(len(bearing), length)
+    if len(targets):
+        ends = 1.25 * np.linalg.norm(places[:, None] - targets, axis=2).max(axis=1)
+    for k in drawn:
+        arm = ends[k] * np.array([math.cos(bearing[k]), math.sin(bearing[k])])
+        alpha = 0.1 + 0.4 * min(1.0, best / float(sigma[k]))
+        axes.plot(
+            [places[k, 0], places[k, 0] + arm[0]], [places[k, 1], places[k, 1] + arm[1]],
+            color=_COLOURS[int(who[k]) % len(_COLOURS)], linewidth=0.7, alpha=alpha, zorder=1,
+        )  # fmt: skip
+
+
+def likelihood(
+    x_m: npt.ArrayLike,
+    y_m: npt.ArrayLike,
+    log_likelihood: npt.ArrayLike,
+    *,
+    fix: Any = None,
+    truth_m: npt.ArrayLike | None = None,
+    positions_m: npt.ArrayLike | None = None,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw where an emitter may be: the logarithm of the likelihood below its largest value, with regions of 39, 86 and
+    99 % (1, 2 and 3 σ of a Gaussian in two dimensions).
+
+    Parameters
+    ----------
+    x_m : array_like, shape (X,)
+    y_m : array_like, shape (Y,)
+    log_likelihood : array_like, shape (Y, X)
+        Natural logarithm, of any offset; −∞ is allowed, NaN is not.
+    fix, truth_m, positions_m : optional
+        As in `bearings_map`.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    x, y = _vector("x_m", x_m), _vector("y_m", y_m)
+    surface = np.asarray(log_likelihood, dtype=np.float64)
+    if surface.shape != (y.size, x.size):
+        raise ValueError(f"log_likelihood: expected shape ({y.size}, {x.size}), got {surface.shape}")
+    if np.isnan(surface).any() or not np.isfinite(surface.max()):
+        raise ValueError("log_likelihood: numbers expected, at least one of them finite")
+    below = surface - surface.max()
+    figure = _figure(7.8, 6.4)
+    _title(figure, title)
+    axes = figure.add_subplot()
+    _style(axes, "", "east [m]", "north [m]")
+    axes.set_aspect("equal", adjustable="box")
+    shown = np.sqrt(2.0 * np.minimum(-below, 32.0))  # in σ of a Gaussian: 0 ... 8
+    image = axes.pcolormesh(x, y, shown, cmap="magma_r", shading="nearest", vmin=0.0, vmax=8.0, rasterized=True)
+    bar = figure.colorbar(image, ax=axes, shrink=0.85)
+    bar.set_label("σ away from the best: √(2 (max ln L − ln L))", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    if x.size > 1 and y.size > 1:
+        axes.contour(x, y, shown, levels=[1.0, 2.0, 3.0], colors="white", linewidths=0.9)
+    if positions_m is not None:
+        places = _plane("positions_m", positions_m)
+        axes.plot(places[:, 0], places[:, 1], color=_INK, linewidth=1.2, label="platform")
+    for k, (name, item) in enumerate(_name(fix).items()):
+        _draw_fix(axes, item, _COLOURS[(k + 2) % len(_COLOURS)], name)
+    _draw_truth(axes, truth_m)
+    axes.set_xlim(float(x.min()), float(x.max()))
+    axes.set_ylim(float(y.min()), float(y.max()))
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+    return _save(figure, path)
+
+
+def particles(
+    particles_m: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+    *,
+    fix: Any = None,
+    truth_m: npt.ArrayLike | None = None,
+    positions_m: npt.ArrayLike | None = None,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw a cloud of particles, darker where they weigh more.
+
+    Parameters
+    ----------
+    particles_m : array_like, shape (N, 2) or (N, 3)
+    weights : array_like, shape (N,), optional
+        Not negative, of any sum.
+    fix, truth_m, positions_m : optional
+        As in `bearings_map`.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    cloud = _plane("particles_m", particles_m)
+    weight = np.ones(len(cloud)) if weights is None else _vector("weights", weights)
+    if len(weight) != len(cloud):
+        raise ValueError(f"weights: expected {len(cloud)} values, got {len(weight)}")
+    if not len(cloud) or not (np.isfinite(weight).all() and weight.min() >= 0.0 and weight.sum() > 0.0):
+        raise ValueError("weights: finite numbers of 0 or more expected, not all of them 0")
+    figure = _figure(7.4, 6.4)
+    _title(figure, title)
+    axes = figure.add_subplot()
+    share = weight / weight.max()
+    effective = float(weight.sum() ** 2 / np.square(weight).sum())
+    name = f"{len(cloud)} particles, effective {effective:.0f}"
+    _style(axes, name, "east [m]", "north [m]")
+    axes.set_aspect("equal", adjustable="box")
+    colour = np.zeros((len(cloud), 4))
+    colour[:, :3] = [int(_COLOURS[0][k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    colour[:, 3] = 0.05 + 0.5 * share
+    axes.scatter(cloud[:, 0], cloud[:, 1], s=6.0, c=colour, linewidths=0, rasterized=True)
+    if positions_m is not None:
+        places = _plane("positions_m", positions_m)
+        axes.plot(places[:, 0], places[:, 1], color=_INK, linewidth=1.2, label="platform")
+    for k, (label, item) in enumerate(_name(fix).items()):
+        _draw_fix(axes, item, _COLOURS[(k + 1) % len(_COLOURS)], label)
+    _draw_truth(axes, truth_m)
+    centre = np.average(cloud, axis=0, weights=weight)
+    half = max(1e-3, 5.0 * float(np.sqrt(np.average((cloud - centre) ** 2, axis=0, weights=weight)).max()))
+    axes.set_xlim(centre[0] - half, centre[0] + half)
+    axes.set_ylim(centre[1] - half, centre[1] + half)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+    return _save(figure, path)
