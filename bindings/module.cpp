@@ -11,6 +11,7 @@ PYBIND11_MODULE(_core, m) {
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
   auto gnss = m.def_submodule("gnss", "Satellite navigation: orbits, positions, attitude.");
+  auto gps = m.def_submodule("gps", "GPS L1 C/A: codes, signals, tracking noise.");
   auto inertial = m.def_submodule("inertial", "Inertial navigation: increments, mechanisation, alignment, rest.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
   auto measurement = m.def_submodule("measurement", "Measurement models.");
@@ -34,10 +35,12 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_gravity(geometry);
   soopnav::python::register_gnss(gnss);
+  soopnav::python::register_gps(gps);
   soopnav::python::register_inertial(inertial);
   soopnav::python::register_lte(lte);
   soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
+  soopnav::python::register_gnss_simulation(simulation);
   soopnav::python::register_trajectory(simulation);
   soopnav::python::register_spatial_trajectory(simulation);
   soopnav::python::register_ofdm_link(simulation);

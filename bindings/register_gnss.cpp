@@ -21,6 +21,7 @@
 #include "soopnav/geometry/wgs84.hpp"
 #include "soopnav/gnss/ephemeris.hpp"
 #include "soopnav/gnss/single_point.hpp"
+#include "soopnav/simulation/gnss_observables.hpp"
 
 namespace soopnav::python {
 
@@ -88,6 +89,16 @@ Eigen::Vector3d vector_of(const char* name, const RealArrayBase& values) {
 }
 
 void append(std::vector<double>& out, const Eigen::Vector3d& v) { out.insert(out.end(), {v[0], v[1], v[2]}); }
+
+gnss::Klobuchar klobuchar_of(const char* name, const RealArrayBase& values) {
+  require_size(name, values.size(), 8);
+  gnss::Klobuchar out;
+  for (std::size_t j = 0; j < 4; ++j) {
+    out.alpha[j] = values[j];
+    out.beta[j] = values[4 + j];
+  }
+  return out;
+}
 
 const Ephemeris* look_up(const EphemerisTable& table, double prn, const Epoch& t, double max_age_s) {
   return std::abs(prn) < 1e6 ? table.find(static_cast<int>(prn), t, max_age_s) : nullptr;
@@ -184,14 +195,7 @@ py::tuple single_points(const EphemerisTable& table, const std::optional<RealArr
   require_table("range_rate_mps", rate);
   require_table("sigmas_m", sigma);
   std::optional<gnss::Klobuchar> klobuchar;
-  if (coefficients) {
-    require_size("klobuchar", coefficients->size(), 8);
-    klobuchar.emplace();
-    for (std::size_t j = 0; j < 4; ++j) {
-      klobuchar->alpha[j] = (*coefficients)[j];
-      klobuchar->beta[j] = (*coefficients)[4 + j];
-    }
-  }
+  if (coefficients) klobuchar = klobuchar_of("klobuchar", *coefficients);
   const gnss::SinglePoint solver(table, klobuchar, options);
 
   std::vector<std::uint8_t> status(n), use(n * s);
@@ -252,7 +256,101 @@ py::tuple single_points(const EphemerisTable& table, const std::optional<RealArr
       to_array(std::move(residual), each), to_array(std::move(azimuth), each), to_array(std::move(elevation), each));
 }
 
+// Observables of antennas (a, n, 3) over epochs: nine tables (a, n, s), the satellites and the integers (a, s).
+py::tuple simulate_gnss(const EphemerisTable& table, const simulation::GnssObservableOptions& options,
+                        const Numbers<"positions_m">& positions, const Numbers<"velocities_mps">& velocities,
+                        const RealArray<"week">& week, const RealArray<"time_of_week_s">& second,
+                        const Numbers<"clock_bias_m">& bias, const Numbers<"clock_drift_mps">& drift,
+                        std::uint64_t seed, std::uint64_t stream) {
+  const std::size_t n = week.size();
+  require_size("time_of_week_s", second.size(), n);
+  positions.require_axes({3}, "positions of shape (antennas, epochs, 3)");
+  const auto antennas = static_cast<std::size_t>(positions.shape()[0]);
+  const std::vector<py::ssize_t> path{positions.shape()[0], static_cast<py::ssize_t>(n), 3};
+  const std::vector<py::ssize_t> flat{path[0], path[1]};
+  if (positions.shape() != path || velocities.shape() != path || bias.shape() != flat || drift.shape() != flat) {
+    throw std::invalid_argument("positions_m: shape (antennas, " + std::to_string(n) +
+                                ", 3) expected, one place for each epoch, and clocks to go with them");
+  }
+  simulation::GnssObservables simulator(table, options, antennas, RandomStream(seed, stream));
+  const std::size_t s = simulator.prns().size();
+  std::array<std::vector<double>, 8> columns;
+  for (auto& column : columns) column.resize(antennas * n * s);
+  {
+    const py::gil_scoped_release release;
+    std::vector<simulation::GnssObservable> seen(s);
+    for (std::size_t a = 0; a < antennas; ++a) {
+      for (std::size_t k = 0; k < n; ++k) {
+        const std::size_t at = a * n + k;
+        const Epoch t = std::abs(week[k]) < 1e9 ? gnss::gps_epoch(static_cast<std::int64_t>(week[k]), second[k])
+                                                : Epoch::invalid(TimeScale::kGps);
+        const Eigen::Vector3d p(positions.span()[3 * at], positions.span()[3 * at + 1], positions.span()[3 * at + 2]);
+        const Eigen::Vector3d v(velocities.span()[3 * at], velocities.span()[3 * at + 1],
+                                velocities.span()[3 * at + 2]);
+        simulator.observe(a, k, t, p, v, bias.span()[at], drift.span()[at], seen);
+        for (std::size_t i = 0; i < s; ++i) {
+          const simulation::GnssObservable& o = seen[i];
+          const std::array values{o.code_m,  o.phase_cycles,   o.doppler_hz,  o.cn0_dbhz,
+                                  o.range_m, o.range_rate_mps, o.azimuth_rad, o.elevation_rad};
+          for (std::size_t j = 0; j < values.size(); ++j) columns[j][at * s + i] = values[j];
+        }
+      }
+    }
+  }
+  const std::vector<py::ssize_t> shape{path[0], path[1], static_cast<py::ssize_t>(s)};
+  std::vector<int> prns(simulator.prns().begin(), simulator.prns().end());
+  std::vector<double> integers;
+  for (std::size_t a = 0; a < antennas; ++a) {
+    integers.insert(integers.end(), simulator.integers(a).begin(), simulator.integers(a).end());
+  }
+  py::list tables;
+  for (auto& column : columns) tables.append(to_array(std::move(column), shape));
+  return py::make_tuple(tables, to_array(std::move(prns)), to_array(std::move(integers), {shape[0], shape[2]}));
+}
+
 }  // namespace
+
+void register_gnss_simulation(py::module_& m) {
+  using simulation::GnssObservableOptions;
+  py::class_<GnssObservableOptions>(m, "GnssObservableOptions", "What a simulated GNSS receiver is like.")
+      .def(py::init([](double elevation_mask_rad, double cn0_zenith_dbhz, double cn0_drop_db, bool noise,
+                       double phase_bandwidth_hz, double code_bandwidth_hz, double early_late_chips,
+                       double integration_s, std::optional<double> code_sigma_m, std::optional<double> phase_sigma_m,
+                       double doppler_sigma_hz, double multipath_sigma_m, double multipath_time_s,
+                       double multipath_phase_ratio, const std::optional<RealArray<"ionosphere">>& ionosphere,
+                       bool troposphere, double relative_humidity, bool integers, double max_age_s) {
+             GnssObservableOptions options;
+             options.elevation_mask_rad = elevation_mask_rad;
+             options.cn0_zenith_dbhz = cn0_zenith_dbhz;
+             options.cn0_drop_db = cn0_drop_db;
+             options.noise = noise;
+             options.phase_loop.bandwidth_hz = phase_bandwidth_hz;
+             options.code_loop = {code_bandwidth_hz, early_late_chips, integration_s};
+             options.code_sigma_m = code_sigma_m;
+             options.phase_sigma_m = phase_sigma_m;
+             options.doppler_sigma_hz = doppler_sigma_hz;
+             options.multipath_sigma_m = multipath_sigma_m;
+             options.multipath_time_s = multipath_time_s;
+             options.multipath_phase_ratio = multipath_phase_ratio;
+             if (ionosphere) options.ionosphere = klobuchar_of("ionosphere", *ionosphere);
+             options.troposphere = troposphere;
+             options.relative_humidity = relative_humidity;
+             options.integers = integers;
+             options.max_age_s = max_age_s;
+             options.check();
+             return options;
+           }),
+           py::kw_only(), py::arg("elevation_mask_rad"), py::arg("cn0_zenith_dbhz"), py::arg("cn0_drop_db"),
+           py::arg("noise"), py::arg("phase_bandwidth_hz"), py::arg("code_bandwidth_hz"), py::arg("early_late_chips"),
+           py::arg("integration_s"), py::arg("code_sigma_m"), py::arg("phase_sigma_m"), py::arg("doppler_sigma_hz"),
+           py::arg("multipath_sigma_m"), py::arg("multipath_time_s"), py::arg("multipath_phase_ratio"),
+           py::arg("ionosphere"), py::arg("troposphere"), py::arg("relative_humidity"), py::arg("integers"),
+           py::arg("max_age_s"));
+  m.def("simulate_gnss", &simulate_gnss, py::arg("table"), py::arg("options"), py::arg("positions_m"),
+        py::arg("velocities_mps"), py::arg("week"), py::arg("time_of_week_s"), py::arg("clock_bias_m"),
+        py::arg("clock_drift_mps"), py::arg("seed"), py::arg("stream"),
+        "([code, phase, Doppler, C/N0, range, range rate, azimuth, elevation], prns, integers).");
+}
 
 void register_gnss(py::module_& m) {
   py::class_<EphemerisTable>(m, "EphemerisTable", "Broadcast orbits, ready to be looked up.")

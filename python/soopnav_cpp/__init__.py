@@ -13,6 +13,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.clock`     oscillators, Allan deviations, fits
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.gnss`      satellite navigation: orbits, RINEX, positions
+`soopnav_cpp.gps`       GPS L1 C/A: codes, signals, tracking noise
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
@@ -32,6 +33,7 @@ from soopnav_cpp import (
     estimation,
     geometry,
     gnss,
+    gps,
     inertial,
     io,
     lte,
@@ -49,6 +51,7 @@ __all__ = [
     "estimation",
     "geometry",
     "gnss",
+    "gps",
     "inertial",
     "io",
     "lte",

@@ -1,6 +1,6 @@
 """What happens to a signal between transmitter and file: noise, carrier offset, clock error, multipath, path loss;
-whole OFDM links; arrays of antennas and their front ends; trajectories, planar and in three dimensions, and what an
-inertial unit says along them.
+whole OFDM links; arrays of antennas and their front ends; GNSS observables; trajectories, planar and in three
+dimensions, and what an inertial unit says along them.
 
 Samples are ``complex64``, C-contiguous; a new array comes back. Random parts are named by a seed: the same one gives
 the same samples.
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field_limit_m
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
+from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
@@ -23,6 +24,7 @@ __all__ = [
     "ArrayLink",
     "BoundarySeries",
     "FrontEnd",
+    "GnssObservables",
     "ImuErrorModel",
     "OfdmLink",
     "Oscillation",
@@ -45,6 +47,7 @@ __all__ = [
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
     "ricean_reflections",
+    "simulate_gnss",
     "thermal_noise_dbm",
 ]
 
