@@ -6,6 +6,7 @@ namespace py = pybind11;
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which document it.";
+  auto array = m.def_submodule("array", "Antenna arrays: manifolds, covariances, directions.");
   auto clock = m.def_submodule("clock", "Oscillators, their deviations, fits to records.");
   auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
@@ -19,6 +20,7 @@ PYBIND11_MODULE(_core, m) {
   auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
+  soopnav::python::register_array(array);
   soopnav::python::register_clock(clock);
   soopnav::python::register_dsp(dsp);
   soopnav::python::register_measurement(measurement);

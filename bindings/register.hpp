@@ -7,6 +7,7 @@ namespace soopnav::python {
 
 void register_adaptive_noise(pybind11::module_& module);
 void register_array_link(pybind11::module_& module);
+void register_array(pybind11::module_& module);
 void register_clock(pybind11::module_& module);
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
