@@ -18,6 +18,7 @@
 #include "register.hpp"
 #include "soopnav/core/random.hpp"
 #include "soopnav/simulation/array_link.hpp"
+#include "soopnav/simulation/eigenvalue_map.hpp"
 #include "soopnav/simulation/front_end.hpp"
 
 namespace soopnav::python {
@@ -231,6 +232,26 @@ void register_array_link(py::module_& m) {
       py::arg("steering"), py::arg("amplitude"), py::kw_only(), py::arg("snapshots"), py::arg("seed"),
       py::arg("stream") = 0,
       "Sample covariances of waves in unit noise from their exact law, shape (epochs, elements, elements).");
+  m.def(
+      "eigenvalue_map",
+      [](const array::Manifold& manifold, const RealArray<"snr_db">& snr_db, std::size_t snapshots, std::size_t trials,
+         double elevation_low_rad, double elevation_high_rad, double step_rad, std::uint64_t seed) {
+        simulation::EigenvalueMap map;
+        {
+          const py::gil_scoped_release release;
+          array::GridOptions grid;
+          grid.azimuth_step_rad = grid.elevation_step_rad = step_rad;
+          map = simulation::eigenvalue_map(std::make_shared<const array::SteeringTable>(manifold, grid), snr_db.span(),
+                                           {snapshots, trials, elevation_low_rad, elevation_high_rad},
+                                           RandomStream(seed));
+        }
+        return py::make_tuple(to_array(std::move(map.snr_db)), to_array(std::move(map.ratio)),
+                              to_array(std::move(map.azimuth_rms_rad)), to_array(std::move(map.elevation_rms_rad)),
+                              to_array(std::move(map.angle_rms_rad)));
+      },
+      py::arg("manifold"), py::arg("snr_db"), py::kw_only(), py::arg("snapshots"), py::arg("trials"),
+      py::arg("elevation_low_rad"), py::arg("elevation_high_rad"), py::arg("step_rad"), py::arg("seed"),
+      "SNR, mean eigenvalue ratio, rms errors of azimuth, elevation and direction, shape (k,) each.");
 }
 
 }  // namespace soopnav::python
