@@ -37,6 +37,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_geometry(geometry);
   soopnav::python::register_gravity(geometry);
   soopnav::python::register_gnss(gnss);
+  soopnav::python::register_gnss_attitude(gnss);
   soopnav::python::register_gps(gps);
   soopnav::python::register_inertial(inertial);
   soopnav::python::register_lte(lte);

@@ -16,6 +16,7 @@ void register_estimation_linear(pybind11::module_& module);
 void register_fixed_lag(pybind11::module_& module);
 void register_geometry(pybind11::module_& module);
 void register_gnss(pybind11::module_& module);
+void register_gnss_attitude(pybind11::module_& module);
 void register_gnss_simulation(pybind11::module_& module);
 void register_gps(pybind11::module_& module);
 void register_gravity(pybind11::module_& module);

@@ -17,24 +17,68 @@ import numpy.typing as npt
 from soopnav_cpp import _gnss_point, _rinex
 from soopnav_cpp._core import gnss as _gnss
 from soopnav_cpp._core.gnss import PointStatus, SatelliteUse
+from soopnav_cpp._gnss_attitude import (
+    AttitudeFilter,
+    AttitudeFixes,
+    AttitudeRun,
+    AttitudeStatus,
+    HeadingError,
+    acquire_attitude,
+    arrival_angle,
+    arrival_angle_sigma,
+    attitude_fix,
+    heading_error,
+    heading_error_density,
+    resolve_cycles,
+)
+from soopnav_cpp._gnss_baseline import (
+    BaselineRun,
+    BaselineStatus,
+    ReceiverDifferences,
+    baseline_fix,
+    lambda_ils,
+    receiver_differences,
+    solve_baseline,
+    success_rate,
+)
 from soopnav_cpp._gnss_point import PointFixes
 
 __all__ = [
     "L1_HZ",
     "L1_M",
+    "AttitudeFilter",
+    "AttitudeFixes",
+    "AttitudeRun",
+    "AttitudeStatus",
+    "BaselineRun",
+    "BaselineStatus",
     "Ephemerides",
+    "HeadingError",
     "Observations",
     "PointFixes",
     "PointStatus",
+    "ReceiverDifferences",
     "SatelliteStates",
     "SatelliteUse",
     "Sights",
+    "acquire_attitude",
+    "arrival_angle",
+    "arrival_angle_sigma",
+    "attitude_fix",
+    "baseline_fix",
     "cycle_slips",
+    "heading_error",
+    "heading_error_density",
+    "lambda_ils",
     "read_navigation",
     "read_observations",
+    "receiver_differences",
+    "resolve_cycles",
     "satellite_state",
     "sights",
     "single_point",
+    "solve_baseline",
+    "success_rate",
     "walker_constellation",
 ]
 
