@@ -142,8 +142,8 @@ def attitude_fix(
 ) -> AttitudeFixes:
     """Attitude from path differences between antennas, epoch by epoch, by non-linear least squares.
 
-    Model (carter eq. 3.19): path = b · (Tᵀ u) + noise: how much nearer antenna i is to a satellite than antenna 0, which
-    is -λ times the difference of carrier phases that grow with range, integers known. The minimum is that of the
+    Model (carter eq. 3.19): path = b · (Tᵀ u) + noise: how much nearer antenna i is to a satellite than antenna 0,
+    which is -λ times the difference of carrier phases that grow with range, integers known. The minimum is that of the
     paper's Euler angles (3.19 to 3.21), found on the rotation vector, which has no gimbal lock.
 
     Parameters
