@@ -16,18 +16,20 @@ import numpy.typing as npt
 
 from soopnav_cpp import estimation
 from soopnav_cpp._drawing import _COLOURS, _INK, _PALE, _figure, _save, _style, ellipse_points
+from soopnav_cpp._extras import require
+from soopnav_cpp._run_figures import _legend, _title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["bearings_map", "bearings_over_time", "likelihood", "particles", "polar_spectrum"]
+__all__ = ["bearings_map", "bearings_over_time", "likelihood", "particles", "polar_spectrum", "source_errors"]
 
 Array = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
 _FLOOR_DB = -30.0
 _MOST_RAYS = 90
-_MOST_FIXES = 8
+_MOST_FIXES = 9
 _TRUTH = "#111111"
 
 
@@ -44,11 +46,6 @@ def _plane(name: str, values: npt.ArrayLike) -> Array:
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise ValueError(f"{name}: expected shape (n, 2) or (n, 3), got {array.shape}")
     return array[:, :2]
-
-
-def _title(figure: Figure, title: str) -> None:
-    if title:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=_INK)
 
 
 def polar_spectrum(
@@ -264,14 +261,15 @@ def _spread(item: Any) -> Array | None:
     return matrix if np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > 0.0 else None
 
 
-def _draw_fix(axes: Axes, item: Any, colour: str, name: str, *, size: float = 13.0) -> None:
+def _draw_fix(axes: Axes, item: Any, colour: str, name: str, *, filled: bool = True) -> None:
     place, spread = _place(item), _spread(item)
     if place is None:
         return
-    axes.plot([place[0]], [place[1]], "*", color=colour, markersize=size, markeredgecolor="white", zorder=6, label=name)
+    axes.plot([place[0]], [place[1]], "*", color=colour, markersize=13.0, markeredgecolor="white", zorder=6, label=name)
     if spread is not None:
         ring = ellipse_points(estimation.error_ellipse(spread, probability=0.95)) + place
-        axes.fill(ring[:, 0], ring[:, 1], color=colour, alpha=0.18, linewidth=0, zorder=4)
+        if filled:
+            axes.fill(ring[:, 0], ring[:, 1], color=colour, alpha=0.18, linewidth=0, zorder=4)
         axes.plot(ring[:, 0], ring[:, 1], color=colour, linewidth=1.0, zorder=5)
 
 
@@ -337,6 +335,8 @@ def bearings_map(
     right = None if truth_m is None else np.atleast_2d(np.asarray(truth_m, dtype=np.float64))[:, :2]
     everything = np.vstack([places, targets, *([] if right is None else [right])])
     middle, reach = _extent(everything)
+    if line is not None:
+        reach = max(reach, 1000.0)
     near = _near(targets, named, right, reach)
     figure = _figure(11.4 if near else 8.6, 6.4)
     _title(figure, title)
@@ -351,7 +351,7 @@ def bearings_map(
         if which == 0:
             axes.plot([places[0, 0]], [places[0, 1]], "o", color=_INK, markersize=6, zorder=4, label="start")
         for k, (name, item) in enumerate(named.items()):
-            _draw_fix(axes, item, _COLOURS[(k + 1) % len(_COLOURS)], name)
+            _draw_fix(axes, item, _COLOURS[(k + 1) % len(_COLOURS)], name, filled=k == 0 or source is not None)
         if line is not None:
             point, angle = np.asarray(line[0], dtype=np.float64)[:2], float(line[1])
             arm = 2.0 * reach * np.array([math.cos(angle), math.sin(angle)])
@@ -361,9 +361,11 @@ def bearings_map(
         _draw_truth(axes, truth_m)
         if which == 0:
             half_x, half_y = np.maximum(0.5 * np.ptp(everything, axis=0), 0.3 * reach) + 0.08 * reach
+            if line is not None:
+                half_x = half_y = 0.6 * reach
             axes.set_xlim(middle[0] - half_x, middle[0] + half_x)
             axes.set_ylim(middle[1] - half_y, middle[1] + half_y)
-            axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+            _legend(axes)
         elif near:
             centre, half = near
             axes.set_xlim(centre[0] - half, centre[0] + half)
@@ -403,13 +405,77 @@ def _rays(
     ends = np.full(len(bearing), length)
     if len(targets):
         ends = 1.25 * np.linalg.norm(places[:, None] - targets, axis=2).max(axis=1)
-    for k in drawn:
-        arm = ends[k] * np.array([math.cos(bearing[k]), math.sin(bearing[k])])
-        alpha = 0.1 + 0.4 * min(1.0, best / float(sigma[k]))
+    collections = require("matplotlib.collections", "plot", "drawing")
+    arms = ends[drawn, None] * np.column_stack([np.cos(bearing[drawn]), np.sin(bearing[drawn])])
+    colours = [
+        (*_rgb(_COLOURS[int(who[k]) % len(_COLOURS)]), 0.1 + 0.4 * min(1.0, best / float(sigma[k]))) for k in drawn
+    ]
+    rays = np.stack([places[drawn], places[drawn] + arms], axis=1)
+    axes.add_collection(collections.LineCollection(rays, colors=colours, linewidths=0.7, zorder=1), autolim=False)
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    return red, green, blue
+
+
+def source_errors(
+    t_s: npt.ArrayLike,
+    errors_m: Mapping[str, npt.ArrayLike],
+    *,
+    sigma_m: npt.ArrayLike | None = None,
+    bound_m: npt.ArrayLike | None = None,
+    stated: bool = False,
+    title: str = "",
+    path: Path | None = None,
+) -> Figure:
+    """Draw how far positions are from the truth over time, a curve for each method, on a logarithmic scale.
+
+    Parameters
+    ----------
+    t_s : array_like, shape (n,)
+    errors_m : mapping of str to array_like, shape (n,)
+        Distances; NaN where a method had no position.
+    sigma_m : array_like, shape (n,), optional
+        What the first method states: root of the sum of its variances.
+    bound_m : array_like, shape (n,), optional
+        What no unbiased method can better.
+    stated : bool
+        The curves are standard deviations, for want of a truth.
+    title : str
+    path : path, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    time = _vector("t_s", t_s)
+    figure = _figure(9.0, 4.4)
+    _title(figure, title)
+    axes = figure.add_subplot()
+    lowest, highest = math.inf, 0.0
+    for k, (name, values) in enumerate(errors_m.items()):
+        curve = _vector(name, values)
+        if curve.size != time.size:
+            raise ValueError(f"{name}: expected {time.size} values, got {curve.size}")
+        shown = np.where(curve > 0.0, curve, np.nan)
+        style = {"linewidth": 1.8, "zorder": 4} if k == 0 else {"linewidth": 1.0, "alpha": 0.85}
+        axes.plot(time, shown, color=_COLOURS[(k + 1) % len(_COLOURS)], label=name, **style)  # type: ignore[arg-type]
+        lowest, highest = min(lowest, np.nanmin(shown, initial=math.inf)), max(highest, np.nanmax(shown, initial=0.0))
+    if sigma_m is not None and not stated:
         axes.plot(
-            [places[k, 0], places[k, 0] + arm[0]], [places[k, 1], places[k, 1] + arm[1]],
-            color=_COLOURS[int(who[k]) % len(_COLOURS)], linewidth=0.7, alpha=alpha, zorder=1,
-        )  # fmt: skip
+            time, _vector("sigma_m", sigma_m), color=_INK, linewidth=1.0, linestyle=(0, (1, 1.5)), label="1σ stated"
+        )
+    if bound_m is not None:
+        axes.plot(time, _vector("bound_m", bound_m), color=_INK, linewidth=1.1, label="Cramér–Rao bound")
+    if 0.0 < lowest < math.inf:
+        axes.set_yscale("log")
+        axes.set_ylim(0.7 * max(lowest, 1e-3), 1.5 * highest)
+        axes.yaxis.set_major_formatter("{x:g}")
+    _style(axes, "", "time [s]", "1σ stated [m]" if stated else "distance from the truth [m]")
+    axes.margins(x=0.01)
+    _legend(axes, "upper right", 2)
+    return _save(figure, path)
 
 
 def likelihood(
@@ -469,7 +535,7 @@ def likelihood(
     axes.set_xlim(float(x.min()), float(x.max()))
     axes.set_ylim(float(y.min()), float(y.max()))
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+        _legend(axes)
     return _save(figure, path)
 
 
@@ -514,7 +580,7 @@ def particles(
     _style(axes, name, "east [m]", "north [m]")
     axes.set_aspect("equal", adjustable="box")
     colour = np.zeros((len(cloud), 4))
-    colour[:, :3] = [int(_COLOURS[0][k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    colour[:, :3] = _rgb(_COLOURS[0])
     colour[:, 3] = 0.05 + 0.5 * share
     axes.scatter(cloud[:, 0], cloud[:, 1], s=6.0, c=colour, linewidths=0, rasterized=True)
     if positions_m is not None:
@@ -528,5 +594,5 @@ def particles(
     axes.set_xlim(centre[0] - half, centre[0] + half)
     axes.set_ylim(centre[1] - half, centre[1] + half)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none", loc="best")
+        _legend(axes)
     return _save(figure, path)

@@ -19,7 +19,14 @@ from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
-from soopnav_cpp._source_figures import bearings_map, bearings_over_time, likelihood, particles, polar_spectrum
+from soopnav_cpp._source_figures import (
+    bearings_map,
+    bearings_over_time,
+    likelihood,
+    particles,
+    polar_spectrum,
+    source_errors,
+)
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:
@@ -39,6 +46,7 @@ __all__ = [
     "position_map",
     "rms",
     "scan",
+    "source_errors",
     "state_errors",
     "trajectory",
 ]

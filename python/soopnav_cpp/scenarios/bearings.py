@@ -30,7 +30,15 @@ from soopnav_cpp.scenarios.files import (
 )
 from soopnav_cpp.scenarios.writers import write_table
 
-__all__ = ["BEARING_COLUMNS", "BearingsData", "Poses", "read_bearings", "read_poses", "write_bearings"]
+__all__ = [
+    "BEARING_COLUMNS",
+    "BearingsData",
+    "Poses",
+    "against_own_north",
+    "read_bearings",
+    "read_poses",
+    "write_bearings",
+]
 
 Array = npt.NDArray[np.float64]
 _DECIBEL = {"db": 1.0, "dbm": 1.0}
@@ -207,6 +215,12 @@ def _turned(frame: LocalFrame, places: Array, bearing_rad: Array) -> Array:
         ends = frame.position_from_ecef(here.position_to_ecef(np.array([[0.0, 0.0, 0.0], arm])))
         turned[k] = math.atan2(ends[1, 1] - ends[0, 1], ends[1, 0] - ends[0, 0])
     return turned
+
+
+def against_own_north(frame: LocalFrame, position_m: Array, bearing_rad: Array) -> Array:
+    """Bearings in the axes of `frame` against each place's own east and north, as files have them."""
+    places = np.column_stack(frame.position_to_geodetic(position_m))
+    return 2.0 * bearing_rad - _turned(frame, places, bearing_rad)
 
 
 def _places(
@@ -612,10 +626,8 @@ def write_bearings(data: BearingsData, path: str | Path) -> None:
             "height_m": [f"{v:.4f}" for v in places[2]],
         }
     bearing = data.compass_deg
-    if data.frame is not None:  # each against the north of its own place
-        rows = np.column_stack(data.frame.position_to_geodetic(data.position_m))
-        own = data.bearing_rad - (_turned(data.frame, rows, data.bearing_rad) - data.bearing_rad)
-        bearing = (90.0 - np.degrees(own)) % 360.0
+    if data.frame is not None:
+        bearing = (90.0 - np.degrees(against_own_north(data.frame, data.position_m, data.bearing_rad))) % 360.0
     columns["bearing_deg"] = [f"{v:.6f}" for v in bearing]
     angles = {
         "bearing_elevation_deg": data.elevation_rad,
