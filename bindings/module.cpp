@@ -21,6 +21,7 @@ PYBIND11_MODULE(_core, m) {
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
   soopnav::python::register_array(array);
+  soopnav::python::register_calibration(array);
   soopnav::python::register_clock(clock);
   soopnav::python::register_dsp(dsp);
   soopnav::python::register_measurement(measurement);

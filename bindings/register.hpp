@@ -6,8 +6,9 @@
 namespace soopnav::python {
 
 void register_adaptive_noise(pybind11::module_& module);
-void register_array_link(pybind11::module_& module);
 void register_array(pybind11::module_& module);
+void register_array_link(pybind11::module_& module);
+void register_calibration(pybind11::module_& module);
 void register_clock(pybind11::module_& module);
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
@@ -27,8 +28,8 @@ void register_lte(pybind11::module_& module);
 void register_measurement(pybind11::module_& module);
 void register_multiple_model(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);
-void register_ofdm_inertial(pybind11::module_& module);
 void register_ofdm(pybind11::module_& module);
+void register_ofdm_inertial(pybind11::module_& module);
 void register_ofdm_link(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
