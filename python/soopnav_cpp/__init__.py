@@ -6,6 +6,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.io`        captures in and out: SigMF and raw samples
 `soopnav_cpp.lte`       LTE downlink: cells, times of arrival, synthesis
 `soopnav_cpp.ofdm`      OFDM: symbols, blind symbol boundaries, two-ray timing
+`soopnav_cpp.array`     antenna arrays: manifolds, spectra, directions
 `soopnav_cpp.navigation`  positions from observations
 `soopnav_cpp.estimation`  filters, smoothers, bounds
 `soopnav_cpp.measurement`  measurement models for filters
@@ -28,6 +29,7 @@ from importlib.metadata import PackageNotFoundError as _PackageNotFoundError
 from importlib.metadata import version as _version
 
 from soopnav_cpp import (
+    array,
     clock,
     dsp,
     estimation,
@@ -46,6 +48,7 @@ from soopnav_cpp import (
 )
 
 __all__ = [
+    "array",
     "clock",
     "dsp",
     "estimation",

@@ -138,7 +138,7 @@ ArrayStatus spectrum(Spectrum kind, const HermitianEigen& eigen, std::span<const
     weight[k] = kind == Spectrum::kBartlett ? value : kind == Spectrum::kCapon ? 1.0 / (value + load) : 1.0;
   }
   for (std::size_t g = 0; g < count; ++g) {
-    double form = 0.0, norm = 0.0;
+    double form = 0.0;
     for (std::size_t k = first; k < elements; ++k) {
       double re = 0.0, im = 0.0;
       for (std::size_t m = 0; m < elements; ++m) {
@@ -149,8 +149,7 @@ ArrayStatus spectrum(Spectrum kind, const HermitianEigen& eigen, std::span<const
       }
       form += weight[k] * (re * re + im * im);
     }
-    for (std::size_t m = 0; m < elements; ++m) norm += std::norm(steering[m * count + g]);
-    out[g] = kind == Spectrum::kBartlett ? form / norm : 1.0 / form;
+    out[g] = kind == Spectrum::kBartlett ? form : 1.0 / form;
   }
   return ArrayStatus::kOk;
 }
@@ -263,7 +262,12 @@ ArrayStatus esprit(const HermitianEigen& eigen, double spacing_wavelengths, bool
   require_spacing(spacing_wavelengths);
   const auto k = static_cast<Eigen::Index>(out.size());
   if (!has_rank(eigen, static_cast<int>(k))) return ArrayStatus::kSingular;
-  const ComplexMatrix upper = eigen.vectors.block(0, 0, n - 1, k), lower = eigen.vectors.block(1, 0, n - 1, k);
+  ComplexMatrix upper = eigen.vectors.block(0, 0, n - 1, k), lower = eigen.vectors.block(1, 0, n - 1, k);
+  for (Eigen::Index m = 0; m < n - 1; ++m) {
+    const double weight = std::sqrt(static_cast<double>(std::min(m + 1, n - 1 - m)));
+    upper.row(m) *= weight;
+    lower.row(m) *= weight;
+  }
   ComplexMatrix left(k, k), right(k, k);  // left Psi = right
   if (total_least_squares) {
     // Eigenvectors of [U1 U2]^H [U1 U2], the smaller half V12, V22: Psi = -V12 V22^-1. Its Gram matrix is 2k x 2k.

@@ -3,6 +3,7 @@ The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which
 """
 
 from __future__ import annotations
+from . import array
 from . import clock
 from . import dsp
 from . import estimation
@@ -17,6 +18,7 @@ from . import simulation
 from . import navigation
 
 __all__: list[str] = [
+    "array",
     "clock",
     "dsp",
     "estimation",

@@ -24,7 +24,7 @@ struct HermitianEigen {
 [[nodiscard]] double noise_variance(const HermitianEigen& eigen, int n_sources) noexcept;
 
 enum class Spectrum : std::uint8_t {
-  kBartlett,  ///< a^H R a / a^H a: carter (4.13), which the paper calls MUSIC
+  kBartlett,  ///< a^H R a: carter (4.13) without its a^H a; the paper calls it MUSIC
   kCapon,     ///< 1 / (a^H R^-1 a)
   kMusic,     ///< 1 / (a^H En En^H a), Schmidt 1986
 };
@@ -47,7 +47,8 @@ enum class Spectrum : std::uint8_t {
 /// @throws std::invalid_argument for n_sources outside 1 .. M-1, sizes, or a spacing that is not positive.
 [[nodiscard]] ArrayStatus root_music(const HermitianEigen& eigen, double spacing_wavelengths, std::span<double> out);
 
-/// ESPRIT (Roy and Kailath 1989) of a ULA with two subarrays of M - 1 elements, by total or plain least squares.
+/// ESPRIT (Roy and Kailath 1989) of a ULA with two subarrays of M - 1 elements, by total or plain least squares. Rows
+/// are weighted by sqrt(min(m, M - m)), m = 1 .. M-1: the middle elements are in both subarrays.
 /// As `root_music` otherwise.
 [[nodiscard]] ArrayStatus esprit(const HermitianEigen& eigen, double spacing_wavelengths, bool total_least_squares,
                                  std::span<double> out);

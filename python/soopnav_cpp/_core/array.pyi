@@ -1,0 +1,390 @@
+"""
+Antenna arrays: manifolds, covariances, directions.
+"""
+
+from __future__ import annotations
+import enum
+import numpy
+import numpy.typing
+import typing
+
+__all__: list[str] = [
+    "ArrayGeometry",
+    "ArrayStatus",
+    "DirectionFinder",
+    "Manifold",
+    "SteeringTable",
+    "covariance",
+    "crlb",
+    "eigenvalues",
+    "esprit",
+    "far_field",
+    "field_region",
+    "forward_backward",
+    "impedance_factor",
+    "polarization_factor",
+    "received_power_dbm",
+    "root_music",
+    "source_count",
+    "spatial_smoothing",
+    "spectrum",
+]
+
+class ArrayStatus(enum.IntEnum):
+    """
+    What became of a block of samples or a covariance.
+    """
+
+    DEAD_CHANNEL = ...
+    NON_FINITE = ...
+    NO_SOURCE = ...
+    OK = ...
+    SINGULAR = ...
+    TOO_FEW_SNAPSHOTS = ...
+    UNRESOLVED = ...
+    WRONG_SIZE = ...
+    def __format__(self, format_spec): ...
+
+class ArrayGeometry:
+    """
+    Where the elements of an array are, and its frequency. Read-only.
+    """
+    @staticmethod
+    def planar(
+        nx: typing.SupportsInt | typing.SupportsIndex,
+        ny: typing.SupportsInt | typing.SupportsIndex,
+        spacing_wavelengths: typing.SupportsFloat | typing.SupportsIndex = 0.5,
+        *,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex = 1575420000.0,
+    ) -> ArrayGeometry:
+        """
+        nx by ny elements in plane 1-2, the first at the origin, axis 1 running faster.
+        """
+    @staticmethod
+    def uca(
+        n: typing.SupportsInt | typing.SupportsIndex,
+        radius_wavelengths: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex = 1575420000.0,
+    ) -> ArrayGeometry:
+        """
+        n elements on a circle round the origin in plane 1-2, the first on axis 1.
+        """
+    @staticmethod
+    def ula(
+        n: typing.SupportsInt | typing.SupportsIndex,
+        spacing_wavelengths: typing.SupportsFloat | typing.SupportsIndex = 0.5,
+        *,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex = 1575420000.0,
+    ) -> ArrayGeometry:
+        """
+        n elements on axis 1, the first at the origin.
+        """
+    def __init__(
+        self,
+        positions_m: numpy.typing.ArrayLike,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex,
+        name: str = "",
+    ) -> None:
+        """
+        2 to 32 elements, shape (M, 3) or (M, 2), array axes [m]. Raises ValueError for two on one point, a number that is not finite, or a frequency that is not positive.
+        """
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    def ambiguous_directions(
+        self,
+        azimuth_rad: typing.SupportsFloat | typing.SupportsIndex,
+        elevation_rad: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Other directions with the same steering vector up to its phase, shape (n, 2) [rad]; the mirror image is left out.
+        """
+    @property
+    def ambiguous(self) -> bool:
+        """
+        Whether regions of directions have doubles.
+        """
+    @property
+    def aperture_m(self) -> float:
+        """
+        Greatest distance of two elements.
+        """
+    @property
+    def frequency_hz(self) -> float:
+        """
+        Carrier.
+        """
+    @property
+    def name(self) -> str:
+        """
+        For people.
+        """
+    @property
+    def positions_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        (M, 3), array axes [m].
+        """
+    @property
+    def rank(self) -> int:
+        """
+        1 line, 2 plane, 3 space.
+        """
+    @property
+    def smallest_spacing_m(self) -> float:
+        """
+        Smallest distance of two.
+        """
+    @property
+    def wavelength_m(self) -> float:
+        """
+        c / frequency_hz.
+        """
+
+class Manifold:
+    """
+    How the elements answer a plane wave. Read-only.
+    """
+    @staticmethod
+    def measured(
+        geometry: ArrayGeometry,
+        frequency_hz: numpy.typing.ArrayLike,
+        azimuth_rad: numpy.typing.ArrayLike,
+        elevation_rad: numpy.typing.ArrayLike,
+        correction: numpy.typing.ArrayLike,
+    ) -> Manifold:
+        """
+        Factors over the geometry's own phase, shape (F E A, M).
+        """
+    def __init__(self, geometry: ArrayGeometry) -> None:
+        """
+        Isotropic elements.
+        """
+    def __len__(self) -> int: ...
+    def steering(
+        self,
+        azimuth_rad: numpy.typing.ArrayLike,
+        elevation_rad: numpy.typing.ArrayLike,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> numpy.typing.NDArray[numpy.complex128]:
+        """
+        Steering vectors, shape (M, n), complex128.
+        """
+    def with_coupling(self, coupling: numpy.typing.ArrayLike) -> Manifold:
+        """
+        The same array behind a coupling matrix.
+        """
+    def with_errors(self, gain_db: numpy.typing.ArrayLike, phase_rad: numpy.typing.ArrayLike) -> Manifold:
+        """
+        The same array with these errors besides.
+        """
+    @property
+    def geometry(self) -> ArrayGeometry:
+        """
+        The elements.
+        """
+    @property
+    def ideal(self) -> bool:
+        """
+        Isotropic elements without errors or coupling.
+        """
+
+class SteeringTable:
+    """
+    Steering vectors over a grid of directions. Read-only.
+    """
+    def __init__(
+        self,
+        manifold: Manifold,
+        *,
+        azimuth_step_rad: typing.SupportsFloat | typing.SupportsIndex,
+        elevation_step_rad: typing.SupportsFloat | typing.SupportsIndex,
+        elevation_min_rad: typing.SupportsFloat | typing.SupportsIndex,
+        azimuth_start_rad: typing.SupportsFloat | typing.SupportsIndex,
+        frequency_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None:
+        """
+        Made once.
+        """
+    @property
+    def azimuth_rad(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Columns of the grid.
+        """
+    @property
+    def elevation_rad(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Rows of the grid.
+        """
+    @property
+    def frequency_hz(self) -> float:
+        """
+        Of the signal.
+        """
+    @property
+    def manifold(self) -> Manifold:
+        """
+        The array.
+        """
+
+class DirectionFinder:
+    """
+    Directions from samples.
+    """
+    def __init__(
+        self,
+        table: SteeringTable,
+        *,
+        method: str,
+        n_sources: typing.SupportsInt | typing.SupportsIndex,
+        loading: typing.SupportsFloat | typing.SupportsIndex,
+        forward_backward: bool,
+    ) -> None:
+        """
+        Made once.
+        """
+    def estimate(self, iq: numpy.typing.NDArray[numpy.complex64]) -> tuple:
+        """
+        Status, channel, numbers (K, 4), covariance (K, 2, 2), eigenvalues, noise, mirror.
+        """
+    def estimate_covariance(
+        self, R: numpy.typing.ArrayLike, n_snapshots: typing.SupportsFloat | typing.SupportsIndex
+    ) -> tuple:
+        """
+        As estimate.
+        """
+    def run(self, R: numpy.typing.ArrayLike, n_snapshots: typing.SupportsFloat | typing.SupportsIndex) -> tuple:
+        """
+        As track, for covariances.
+        """
+    def track(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        block: typing.SupportsInt | typing.SupportsIndex,
+        hop: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple:
+        """
+        Status, count, numbers (B, K, 4), covariance, eigenvalues.
+        """
+
+def covariance(
+    iq: numpy.typing.NDArray[numpy.complex64],
+) -> tuple[ArrayStatus, int, numpy.typing.NDArray[numpy.complex128]]:
+    """
+    Status, channel at fault, covariance.
+    """
+
+def crlb(
+    manifold: Manifold,
+    directions: numpy.typing.ArrayLike,
+    powers: numpy.typing.ArrayLike,
+    noise: typing.SupportsFloat | typing.SupportsIndex,
+    n_snapshots: typing.SupportsFloat | typing.SupportsIndex,
+    kind: str,
+    azimuth_only: bool,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Covariance bound [rad^2].
+    """
+
+def eigenvalues(R: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Largest first.
+    """
+
+def esprit(
+    R: numpy.typing.ArrayLike,
+    n_sources: typing.SupportsInt | typing.SupportsIndex,
+    *,
+    spacing_wavelengths: typing.SupportsFloat | typing.SupportsIndex = 0.5,
+    total_least_squares: bool = True,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Angles, ascending.
+    """
+
+def far_field(
+    aperture_m: typing.SupportsFloat | typing.SupportsIndex, wavelength_m: typing.SupportsFloat | typing.SupportsIndex
+) -> tuple[float, float, float]:
+    """
+    Limits of carter (4.1), (4.2), (4.3).
+    """
+
+def field_region(
+    aperture_m: typing.SupportsFloat | typing.SupportsIndex,
+    wavelength_m: typing.SupportsFloat | typing.SupportsIndex,
+    distance_m: typing.SupportsFloat | typing.SupportsIndex,
+) -> str:
+    """
+    near, marginal or far.
+    """
+
+def forward_backward(R: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.complex128]:
+    """
+    (R + J conj(R) J) / 2.
+    """
+
+def impedance_factor(
+    antenna_ohm: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+    load_ohm: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+) -> float:
+    """
+    q of carter (4.8).
+    """
+
+def polarization_factor(
+    tilt_a_rad: typing.SupportsFloat | typing.SupportsIndex,
+    ellipticity_a_rad: typing.SupportsFloat | typing.SupportsIndex,
+    tilt_b_rad: typing.SupportsFloat | typing.SupportsIndex,
+    ellipticity_b_rad: typing.SupportsFloat | typing.SupportsIndex,
+) -> float:
+    """
+    p of carter (4.8).
+    """
+
+def received_power_dbm(
+    transmit_power_dbm: typing.SupportsFloat | typing.SupportsIndex,
+    transmit_gain_db: typing.SupportsFloat | typing.SupportsIndex,
+    receive_gain_db: typing.SupportsFloat | typing.SupportsIndex,
+    distance_m: typing.SupportsFloat | typing.SupportsIndex,
+    frequency_hz: typing.SupportsFloat | typing.SupportsIndex,
+    polarization: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    impedance: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+) -> float:
+    """
+    carter (4.8).
+    """
+
+def root_music(
+    R: numpy.typing.ArrayLike,
+    n_sources: typing.SupportsInt | typing.SupportsIndex,
+    *,
+    spacing_wavelengths: typing.SupportsFloat | typing.SupportsIndex = 0.5,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Angles, ascending.
+    """
+
+def source_count(
+    eigenvalues: numpy.typing.ArrayLike, n_snapshots: typing.SupportsFloat | typing.SupportsIndex, method: str = "mdl"
+) -> int:
+    """
+    Number of sources, or -1.
+    """
+
+def spatial_smoothing(
+    R: numpy.typing.ArrayLike, subarray_size: typing.SupportsInt | typing.SupportsIndex, forward_backward: bool = False
+) -> numpy.typing.NDArray[numpy.complex128]:
+    """
+    Mean over subarrays of a ULA.
+    """
+
+def spectrum(
+    kind: str,
+    R: numpy.typing.ArrayLike,
+    steering: numpy.typing.ArrayLike,
+    n_sources: typing.SupportsInt | typing.SupportsIndex = 1,
+    loading: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Bartlett, Capon or MUSIC spectrum, shape (G,).
+    """
