@@ -50,6 +50,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_ofdm_link(simulation);
   soopnav::python::register_array_link(simulation);
   soopnav::python::register_navigation(navigation);
+  soopnav::python::register_source(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
   soopnav::python::register_strapdown(navigation);
 }

@@ -34,6 +34,7 @@ void register_ofdm_link(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);
+void register_source(pybind11::module_& module);
 void register_spatial_trajectory(pybind11::module_& module);
 void register_strapdown(pybind11::module_& module);
 void register_trajectory(pybind11::module_& module);

@@ -14,9 +14,26 @@ from soopnav_cpp._ofdm_inertial import (
     PlanarStart,
     RangeChanges,
 )
+from soopnav_cpp._source import (
+    BearingUse,
+    SourceFix,
+    SourceLine,
+    SourceLocator,
+    SourceMethod,
+    SourceRun,
+    SourceStatus,
+    SourceTrack,
+    SourceTracks,
+    TrackState,
+    cep,
+    likelihood_surface,
+    locate_source,
+    source_crlb,
+)
 from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownStart, strapdown_errors
 
 __all__ = [
+    "BearingUse",
     "FixStatus",
     "ImuCounts",
     "LinkReport",
@@ -26,10 +43,23 @@ __all__ = [
     "PlanarStart",
     "PositionFix",
     "RangeChanges",
+    "SourceFix",
+    "SourceLine",
+    "SourceLocator",
+    "SourceMethod",
+    "SourceRun",
+    "SourceStatus",
+    "SourceTrack",
+    "SourceTracks",
     "StrapdownNavigator",
     "StrapdownRun",
     "StrapdownStart",
+    "TrackState",
+    "cep",
+    "likelihood_surface",
+    "locate_source",
     "position_fix",
+    "source_crlb",
     "strapdown_errors",
 ]
 

@@ -11,13 +11,25 @@ import soopnav_cpp._core.estimation
 import typing
 
 __all__: list[str] = [
+    "BearingUse",
     "FixStatus",
     "NodeUse",
     "OfdmInertialNavigator",
     "PositionFix",
+    "SourceFix",
+    "SourceLine",
+    "SourceLocator",
+    "SourceMethod",
+    "SourceMotion",
+    "SourceStatus",
+    "SourceTrack",
+    "SourceTracks",
     "StrapdownNavigator",
     "StrapdownRun",
+    "TrackState",
+    "likelihood_surface",
     "position_fix",
+    "source_crlb",
     "strapdown_local",
     "strapdown_retract",
 ]
@@ -148,6 +160,312 @@ class PositionFix:
     def used(self) -> numpy.typing.NDArray[numpy.bool]:
         """
         Whether each node took part; shape (nodes,).
+        """
+
+class SourceMethod(enum.Enum):
+    """
+    How bearings become a position.
+    """
+
+    CENTROID = ...
+    EKF = ...
+    EKF_BANK = ...
+    INCENTER = ...
+    LEAST_SQUARES = ...
+    LINEAR = ...
+    ML = ...
+    PARTICLE = ...
+    STANSFIELD = ...
+
+class SourceMotion(enum.Enum):
+    """
+    What a source does between bearings.
+    """
+
+    CONSTANT_VELOCITY = ...
+    STATIC = ...
+
+class SourceStatus(enum.Enum):
+    """
+    How a fix ended.
+    """
+
+    CONVERGED = ...
+    DIVERGED = ...
+    INCONSISTENT = ...
+    NOT_CONVERGED = ...
+    ON_PLATFORM = ...
+    TOO_FEW_BEARINGS = ...
+    UNOBSERVABLE = ...
+
+class BearingUse(enum.Enum):
+    """
+    What became of a bearing.
+    """
+
+    BAD_SIGMA = ...
+    NOT_FINITE = ...
+    OUT_OF_ORDER = ...
+    UNDEFINED = ...
+    USED = ...
+    WAITING = ...
+
+class SourceLine:
+    """
+    A line on which a source lies. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def direction(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Unit vector towards the source; shape (3,).
+        """
+    @property
+    def point_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        A place of the platform; shape (3,).
+        """
+    @property
+    def sigma_rad(self) -> float:
+        """
+        Of the direction's azimuth.
+        """
+
+class SourceFix:
+    """
+    A source's position and what it is worth. Read-only; NaN where there is none.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def cep_m(self) -> float:
+        """
+        Radius that holds the horizontal error with probability one half.
+        """
+    @property
+    def chi_square(self) -> float:
+        """
+        Of the residuals of bearings that are no outliers.
+        """
+    @property
+    def covariance_m2(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of position_m; shape (d, d).
+        """
+    @property
+    def degrees_of_freedom(self) -> int:
+        """
+        Of chi_square.
+        """
+    @property
+    def dimensions(self) -> int:
+        """
+        2 or 3.
+        """
+    @property
+    def heading_bias_rad(self) -> float:
+        """
+        Constant error of all azimuths, if estimated.
+        """
+    @property
+    def heading_bias_sigma_rad(self) -> float:
+        """
+        Its standard deviation.
+        """
+    @property
+    def last(self) -> BearingUse:
+        """
+        What became of the last bearing.
+        """
+    @property
+    def line(self) -> SourceLine | None:
+        """
+        The line on which the source lies when its range is not determined, else None.
+        """
+    @property
+    def message(self) -> str:
+        """
+        One sentence.
+        """
+    @property
+    def outliers(self) -> int:
+        """
+        Of those used: more likely from anywhere than from the source.
+        """
+    @property
+    def position_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        At the last bearing; shape (d,).
+        """
+    @property
+    def rejected(self) -> int:
+        """
+        Number of bearings left out.
+        """
+    @property
+    def status(self) -> SourceStatus:
+        """
+        How the fix ended.
+        """
+    @property
+    def unobservable(self) -> list[str]:
+        """
+        What the bearings do not determine, in words; else empty.
+        """
+    @property
+    def used(self) -> int:
+        """
+        Number of bearings used.
+        """
+    @property
+    def velocity_covariance(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of velocity_mps; shape (d, d).
+        """
+    @property
+    def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of a moving source; shape (d,).
+        """
+
+class SourceLocator:
+    """
+    Bearings in, a position out.
+    """
+    def __init__(
+        self,
+        method: SourceMethod,
+        dimensions: typing.SupportsInt | typing.SupportsIndex,
+        motion: SourceMotion,
+        start_m: numpy.typing.ArrayLike | None,
+        **kwargs,
+    ) -> None: ...
+    def members(self) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+        """
+        Positions and weights of the bank's members.
+        """
+    def particles(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Places of the particles; shape (particles, d).
+        """
+    def reset(self, start_m: numpy.typing.ArrayLike | None, seed: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        As new.
+        """
+    def run(
+        self,
+        times_s: numpy.typing.ArrayLike,
+        positions: numpy.typing.ArrayLike,
+        bearings: numpy.typing.ArrayLike,
+        sigmas: numpy.typing.ArrayLike,
+        position_covariance: numpy.typing.ArrayLike,
+        heading_sigma_rad: numpy.typing.ArrayLike,
+    ) -> tuple:
+        """
+        A fix after every bearing.
+        """
+    def run_many(
+        self,
+        times_s: numpy.typing.ArrayLike,
+        positions: numpy.typing.ArrayLike,
+        bearings: numpy.typing.ArrayLike,
+        sigmas: numpy.typing.ArrayLike,
+        position_covariance: numpy.typing.ArrayLike,
+        heading_sigma_rad: numpy.typing.ArrayLike,
+        starts_m: numpy.typing.ArrayLike,
+        seeds: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        epochs: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    ) -> tuple:
+        """
+        Fixes at some epochs of many runs.
+        """
+    def step(
+        self,
+        times_s: numpy.typing.ArrayLike,
+        positions: numpy.typing.ArrayLike,
+        bearings: numpy.typing.ArrayLike,
+        sigmas: numpy.typing.ArrayLike,
+        position_covariance: numpy.typing.ArrayLike,
+        heading_sigma_rad: numpy.typing.ArrayLike,
+        solve: bool,
+    ) -> SourceFix | None:
+        """
+        Takes bearings, then solves.
+        """
+    def weights(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Weights of the particles; shape (particles,).
+        """
+
+class TrackState(enum.Enum):
+    """
+    How far a track has come.
+    """
+
+    CONFIRMED = ...
+    TENTATIVE = ...
+
+class SourceTrack:
+    """
+    One source as it stands. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def bearing(self) -> int:
+        """
+        Index of this epoch's bearing; -1: none.
+        """
+    @property
+    def fix(self) -> SourceFix:
+        """
+        Where it is.
+        """
+    @property
+    def hits(self) -> int:
+        """
+        Bearings taken.
+        """
+    @property
+    def id(self) -> int:
+        """
+        Never used twice.
+        """
+    @property
+    def misses(self) -> int:
+        """
+        Epochs in a row without one.
+        """
+    @property
+    def state(self) -> TrackState:
+        """
+        How far it has come.
+        """
+
+class SourceTracks:
+    """
+    Several sources at once.
+    """
+    def __init__(
+        self,
+        dimensions: typing.SupportsInt | typing.SupportsIndex,
+        motion: SourceMotion,
+        gate_probability: typing.SupportsFloat | typing.SupportsIndex,
+        clutter_density_per_rad: typing.SupportsFloat | typing.SupportsIndex,
+        confirm_hits: typing.SupportsInt | typing.SupportsIndex,
+        confirm_epochs: typing.SupportsInt | typing.SupportsIndex,
+        drop_misses: typing.SupportsInt | typing.SupportsIndex,
+        **kwargs,
+    ) -> None: ...
+    def step(
+        self,
+        times_s: numpy.typing.ArrayLike,
+        positions: numpy.typing.ArrayLike,
+        bearings: numpy.typing.ArrayLike,
+        sigmas: numpy.typing.ArrayLike,
+        position_covariance: numpy.typing.ArrayLike,
+        heading_sigma_rad: numpy.typing.ArrayLike,
+    ) -> list[SourceTrack]:
+        """
+        One epoch.
         """
 
 class OfdmInertialNavigator:
@@ -389,6 +707,23 @@ class StrapdownNavigator:
         A whole run; the navigator stays as it is.
         """
 
+def likelihood_surface(
+    times_s: numpy.typing.ArrayLike,
+    positions: numpy.typing.ArrayLike,
+    bearings: numpy.typing.ArrayLike,
+    sigmas: numpy.typing.ArrayLike,
+    position_covariance: numpy.typing.ArrayLike,
+    heading_sigma_rad: numpy.typing.ArrayLike,
+    x: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+    y: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+    columns: typing.SupportsInt | typing.SupportsIndex,
+    rows: typing.SupportsInt | typing.SupportsIndex,
+    outlier_probability: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Log-likelihood over a grid.
+    """
+
 def position_fix(
     nodes_enu_m: numpy.typing.ArrayLike,
     toas_s: numpy.typing.ArrayLike,
@@ -406,6 +741,24 @@ def position_fix(
 ) -> PositionFix:
     """
     Position and receiver clock from times of arrival.
+    """
+
+def source_crlb(
+    times_s: numpy.typing.ArrayLike,
+    positions: numpy.typing.ArrayLike,
+    sigmas: numpy.typing.ArrayLike,
+    position_covariance: numpy.typing.ArrayLike,
+    heading_sigma_rad: numpy.typing.ArrayLike,
+    emitter: numpy.typing.ArrayLike,
+    velocity: numpy.typing.ArrayLike,
+    moving: bool,
+    acceleration_psd: typing.SupportsFloat | typing.SupportsIndex,
+    heading_bias_sigma_rad: typing.SupportsFloat | typing.SupportsIndex,
+    start_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+    start_speed_sigma_mps: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Cramér-Rao bound over time.
     """
 
 def strapdown_local(

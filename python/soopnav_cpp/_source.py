@@ -1,0 +1,776 @@
+"""Where a source is, from bearings."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp._core import estimation as _estimation
+from soopnav_cpp._core import navigation as _navigation
+from soopnav_cpp._core.navigation import (
+    BearingUse,
+    SourceFix,
+    SourceLine,
+    SourceMethod,
+    SourceMotion,
+    SourceStatus,
+    SourceTrack,
+    TrackState,
+)
+
+__all__ = [
+    "BearingUse",
+    "SourceFix",
+    "SourceLine",
+    "SourceLocator",
+    "SourceMethod",
+    "SourceRun",
+    "SourceStatus",
+    "SourceTrack",
+    "SourceTracks",
+    "TrackState",
+    "cep",
+    "likelihood_surface",
+    "locate_source",
+    "source_crlb",
+]
+
+_Array = npt.NDArray[np.float64]
+_METHODS = {
+    "centroid": SourceMethod.CENTROID,
+    "incenter": SourceMethod.INCENTER,
+    "linear": SourceMethod.LINEAR,
+    "stansfield": SourceMethod.STANSFIELD,
+    "least_squares": SourceMethod.LEAST_SQUARES,
+    "ml": SourceMethod.ML,
+    "ekf": SourceMethod.EKF,
+    "ekf_bank": SourceMethod.EKF_BANK,
+    "particle": SourceMethod.PARTICLE,
+}
+_MOTIONS = {"static": SourceMotion.STATIC, "constant_velocity": SourceMotion.CONSTANT_VELOCITY}
+_STATUSES = {int(status.value): status for status in SourceStatus}
+_USES = {int(use.value): use for use in BearingUse}
+
+
+def _named(name: str, value: str, table: dict[str, Any]) -> Any:
+    if value not in table:
+        raise ValueError(f"{name} = {value!r}: one of {', '.join(map(repr, table))} expected")
+    return table[value]
+
+
+@dataclass(frozen=True)
+class _Observed:
+    """Arguments in the shapes that the engine takes."""
+
+    times_s: _Array  # (n,)
+    positions: _Array  # (n, d)
+    bearings: _Array  # (..., n, d - 1)
+    sigmas: _Array  # (..., n, d - 1)
+    position_covariance: _Array  # (n, d, d), or empty
+    heading_sigma_rad: _Array  # (n,)
+
+    @property
+    def arguments(self) -> tuple[_Array, ...]:
+        return (
+            self.times_s,
+            self.positions,
+            self.bearings,
+            self.sigmas,
+            self.position_covariance,
+            self.heading_sigma_rad,
+        )
+
+
+def _floats(name: str, value: npt.ArrayLike) -> _Array:
+    try:
+        return np.asarray(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: numbers expected ({error})") from None
+
+
+def _observed(
+    positions: npt.ArrayLike,
+    bearings: npt.ArrayLike | None,
+    sigmas: npt.ArrayLike,
+    *,
+    times: npt.ArrayLike | None = None,
+    position_covariance: npt.ArrayLike | None = None,
+    heading_sigma_rad: npt.ArrayLike = 0.0,
+    dimensions: int | None = None,
+    runs: int | None = None,
+) -> _Observed:
+    """Broadcasts and checks shapes; `runs`: bearings carry a first axis of so many runs."""
+    p = _floats("positions", positions)
+    if p.ndim != 2 or p.shape[1] not in (2, 3):
+        raise ValueError(f"positions: expected shape (n, 2) or (n, 3), got {p.shape}")
+    n = p.shape[0]
+    lead = () if runs is None else (runs,)
+    z = np.zeros((n, (dimensions or p.shape[1]) - 1)) if bearings is None else _floats("bearings", bearings)
+    if z.shape == (*lead, n):
+        z = z[..., None]
+    if z.shape[:-1] != (*lead, n) or z.shape[-1] not in (1, 2):
+        shape = ", ".join(map(str, (*lead, n)))
+        raise ValueError(f"bearings: expected shape ({shape},) or ({shape}, 2), got {z.shape}")
+    d = z.shape[-1] + 1
+    if dimensions is not None and dimensions != d:
+        what = "azimuths" if dimensions == 2 else "azimuth and elevation"
+        raise ValueError(f"bearings: {what} expected in {dimensions} dimensions, got shape {z.shape}")
+    if p.shape[1] < d:
+        raise ValueError(f"positions: azimuth and elevation need three coordinates, got shape {p.shape}")
+    p = np.ascontiguousarray(p[:, :d])
+    s = _floats("sigmas", sigmas)
+    if s.ndim and (s.shape[-1] != d - 1 or s.shape == (n,)):
+        s = s[..., None]
+    try:
+        s = np.ascontiguousarray(np.broadcast_to(s, z.shape))
+    except ValueError:
+        raise ValueError(f"sigmas: shape {np.shape(sigmas)} does not fit bearings of shape {z.shape}") from None
+    t = np.arange(n, dtype=np.float64) if times is None else _floats("times", times)
+    if t.shape != (n,):
+        raise ValueError(f"times: expected shape ({n},), got {t.shape}")
+    if position_covariance is None:
+        c = np.empty((0, d, d))
+    else:
+        c = _floats("position_covariance", position_covariance)
+        if c.shape[-2:] in ((2, 2), (3, 3)) and c.shape[-1] > d:
+            c = c[..., :d, :d]
+        if c.shape not in ((d, d), (n, d, d)):
+            raise ValueError(f"position_covariance: expected shape ({d}, {d}) or ({n}, {d}, {d}), got {c.shape}")
+        c = np.ascontiguousarray(np.broadcast_to(c, (n, d, d)))
+    h = _floats("heading_sigma_rad", heading_sigma_rad)
+    if h.shape not in ((), (n,)):
+        raise ValueError(f"heading_sigma_rad: expected a number or shape ({n},), got {h.shape}")
+    return _Observed(t, p, z, s, c, np.ascontiguousarray(np.broadcast_to(h, (n,))))
+
+
+@dataclass(frozen=True)
+class SourceRun:
+    """Fixes over time; NaN where there is none yet. Of many runs every array has a first axis of runs.
+
+    Attributes
+    ----------
+    t_s : ndarray, shape (n,)
+    position_m : ndarray, shape (n, d)
+    covariance_m2 : ndarray, shape (n, d, d)
+    velocity_mps, velocity_covariance : ndarray, shapes (n, d) and (n, d, d)
+        Of a moving source.
+    cep_m, heading_bias_rad, heading_bias_sigma_rad : ndarray, shape (n,)
+    status_code, use_code : ndarray of int64, shape (n,)
+        Values of `SourceStatus` and `BearingUse`; `status` and `use` give the members.
+    """
+
+    t_s: _Array
+    position_m: _Array
+    covariance_m2: _Array
+    velocity_mps: _Array
+    velocity_covariance: _Array
+    cep_m: _Array
+    heading_bias_rad: _Array
+    heading_bias_sigma_rad: _Array
+    status_code: npt.NDArray[np.int64]
+    use_code: npt.NDArray[np.int64]
+
+    @property
+    def status(self) -> list[SourceStatus]:
+        """How each fix ended, in the order of a flattened `status_code`."""
+        return [_STATUSES[int(code)] for code in self.status_code.ravel()]
+
+    @property
+    def use(self) -> list[BearingUse]:
+        """What became of each bearing."""
+        return [_USES[int(code)] for code in self.use_code.ravel()]
+
+    def error_m(self, emitter: npt.ArrayLike) -> _Array:
+        """Distance from the truth, shape (n,): `emitter` has shape (d,), or (n, d) when it moves."""
+        return np.asarray(np.linalg.norm(self.position_m - np.asarray(emitter, dtype=np.float64), axis=-1))
+
+    def nees(self, emitter: npt.ArrayLike) -> _Array:
+        """Squared error in the stated covariance, shape (n,); NaN where a covariance is singular."""
+        error = self.position_m - np.asarray(emitter, dtype=np.float64)
+        good = np.isfinite(error).all(-1) & np.isfinite(self.covariance_m2).all((-2, -1))
+        covariance = np.where(good[..., None, None], self.covariance_m2, np.eye(error.shape[-1]))
+        good &= np.linalg.det(covariance) > 0.0
+        covariance = np.where(good[..., None, None], covariance, np.eye(error.shape[-1]))
+        value = np.sum(error * np.linalg.solve(covariance, error[..., None])[..., 0], axis=-1)
+        return np.where(good, value, np.nan)
+
+    def __repr__(self) -> str:
+        return f"SourceRun({' x '.join(map(str, self.status_code.shape))} fixes in {self.position_m.shape[-1]}-D)"
+
+
+def _run(t_s: _Array, arrays: tuple[Any, ...]) -> SourceRun:
+    position, covariance, velocity, velocity_covariance, scalars, status, use = arrays
+    return SourceRun(
+        t_s,
+        position,
+        covariance,
+        velocity,
+        velocity_covariance,
+        np.ascontiguousarray(scalars[..., 0]),
+        np.ascontiguousarray(scalars[..., 1]),
+        np.ascontiguousarray(scalars[..., 2]),
+        status,
+        use,
+    )
+
+
+class SourceLocator:
+    """Bearings in, a position out; one at a time, or a whole run in one call (carter 5.4).
+
+    Model: azimuth = atan2(dy, dx) + heading bias, counted from x towards y, elevation = atan2(dz, hypot(dx, dy)) up,
+    for the vector d from the platform to the source. Errors are normal, of variance sigma² + heading sigma² + what the
+    platform's position covariance leaves across the line of sight.
+
+    Parameters
+    ----------
+    method : str
+        "centroid", "incenter" (running means over triangles of bearings), "linear" (carter 5.8 as printed: unweighted,
+        biased), "stansfield" (the same weighted by 1 / (r² sigma²)), "least_squares", "ml" (wrapped normal with an
+        outlier floor), "ekf" (one filter: it diverges in a few per cent of starts), "ekf_bank" (filters at several
+        ranges) or "particle".
+    dimensions : {2, 3}
+        Azimuths, or azimuths and elevations.
+    motion : {"static", "constant_velocity"}
+        The latter for "least_squares", "ml", "ekf" and "ekf_bank".
+    start_m : array_like, shape (d,), optional
+        A first guess for "ekf", "particle", "least_squares" and the search region of "ml" (3 sigma about it); the bank
+        needs none.
+    **options
+        ``start_sigma_m`` (1000), ``start_speed_sigma_mps`` (10), ``acceleration_psd`` (0) in m²/s³, ``min_range_m``
+        (30), ``max_range_m`` (3000), ``outlier_probability`` (0.02), ``heading_bias_sigma_rad`` (0: none estimated),
+        ``min_crossing_rad`` (10 degrees), ``triple_spacing`` (10), ``grid_size`` (64), ``max_iterations`` (50),
+        ``particles`` (10 000), ``ess_threshold`` (0.5), ``seed`` (0), ``filters`` (10), ``bank_sigma_rad`` (10
+        degrees: the bank starts at the first bearing as good), ``bank_azimuths`` (0; else so many directions at the
+        first bearing), ``max_bearings`` (4096), ``false_alarm_probability`` (1e-4).
+
+    Raises
+    ------
+    ValueError
+        For an option that is unknown or out of range. Bad bearings are no error: they are left out, see
+        ``SourceFix.last`` and ``SourceFix.status``.
+    """
+
+    _OPTIONS = frozenset(
+        {
+            "start_sigma_m",
+            "start_speed_sigma_mps",
+            "acceleration_psd",
+            "min_range_m",
+            "max_range_m",
+            "outlier_probability",
+            "heading_bias_sigma_rad",
+            "min_crossing_rad",
+            "triple_spacing",
+            "grid_size",
+            "max_iterations",
+            "particles",
+            "ess_threshold",
+            "seed",
+            "filters",
+            "bank_sigma_rad",
+            "bank_azimuths",
+            "max_bearings",
+            "false_alarm_probability",
+        }
+    )
+
+    def __init__(
+        self,
+        method: str = "ml",
+        *,
+        dimensions: int = 2,
+        motion: str = "static",
+        start_m: npt.ArrayLike | None = None,
+        **options: float,
+    ) -> None:
+        unknown = sorted(set(options) - self._OPTIONS)
+        if unknown:
+            raise ValueError(f"{unknown[0]}: no such option; known are {', '.join(sorted(self._OPTIONS))}")
+        self.method = method
+        self.dimensions = dimensions
+        self.motion = motion
+        try:
+            self._core = _navigation.SourceLocator(
+                _named("method", method, _METHODS), dimensions, _named("motion", motion, _MOTIONS), start_m, **options
+            )
+        except (RuntimeError, TypeError) as error:
+            raise ValueError(f"options: a number of the wrong kind among {options} ({error})") from None
+        self._seed = int(options.get("seed", 0))
+        self._steps = 0
+
+    def step(
+        self,
+        t_s: float,
+        position: npt.ArrayLike,
+        bearing: npt.ArrayLike,
+        sigma: npt.ArrayLike,
+        *,
+        position_covariance: npt.ArrayLike | None = None,
+        heading_sigma_rad: float = 0.0,
+    ) -> SourceFix:
+        """One bearing.
+
+        Parameters
+        ----------
+        t_s : float
+        position : array_like, shape (d,)
+        bearing : float or array_like, shape (2,)
+            Azimuth, or azimuth and elevation.
+        sigma : float or array_like, shape (2,)
+        position_covariance : array_like, shape (d, d), optional
+            Of the platform's position.
+        heading_sigma_rad : float
+            Of the platform's heading.
+
+        Returns
+        -------
+        SourceFix
+        """
+        z = _floats("bearing", bearing).reshape(1, -1)
+        s = _floats("sigma", sigma).reshape(-1)
+        seen = _observed(
+            _floats("position", position).reshape(1, -1),
+            z,
+            s if s.size > 1 else s[0],
+            times=[t_s],
+            position_covariance=position_covariance,
+            heading_sigma_rad=heading_sigma_rad,
+            dimensions=self.dimensions,
+        )
+        fix = self._core.step(*seen.arguments, True)
+        assert fix is not None
+        return fix
+
+    def run(
+        self,
+        times: npt.ArrayLike,
+        positions: npt.ArrayLike,
+        bearings: npt.ArrayLike,
+        sigmas: npt.ArrayLike,
+        *,
+        position_covariance: npt.ArrayLike | None = None,
+        heading_sigma_rad: npt.ArrayLike = 0.0,
+    ) -> SourceRun:
+        """A fix after every bearing, going on from where the locator stands.
+
+        Parameters
+        ----------
+        times : array_like, shape (n,)
+        positions : array_like, shape (n, d)
+        bearings : array_like, shape (n,) or (n, 2)
+        sigmas : float or array_like, shape (n,) or (n, 2)
+        position_covariance : array_like, shape (d, d) or (n, d, d), optional
+        heading_sigma_rad : float or array_like, shape (n,)
+
+        Returns
+        -------
+        SourceRun
+        """
+        seen = _observed(
+            positions,
+            bearings,
+            sigmas,
+            times=times,
+            position_covariance=position_covariance,
+            heading_sigma_rad=heading_sigma_rad,
+            dimensions=self.dimensions,
+        )
+        return _run(seen.times_s, self._core.run(*seen.arguments))
+
+    def run_many(
+        self,
+        times: npt.ArrayLike,
+        positions: npt.ArrayLike,
+        bearings: npt.ArrayLike,
+        sigmas: npt.ArrayLike,
+        *,
+        starts_m: npt.ArrayLike | None = None,
+        seeds: Sequence[int] | None = None,
+        epochs: Sequence[int] | None = None,
+        position_covariance: npt.ArrayLike | None = None,
+        heading_sigma_rad: npt.ArrayLike = 0.0,
+    ) -> SourceRun:
+        """Many runs over one path, each from new: Monte Carlo in one call.
+
+        Parameters
+        ----------
+        times : array_like, shape (n,)
+        positions : array_like, shape (n, d)
+        bearings : array_like, shape (runs, n) or (runs, n, 2)
+        sigmas : float or array_like, shape (n,), (runs, n), or with a last axis of 2
+        starts_m : array_like, shape (runs, d), optional
+        seeds : sequence of int, optional
+            One for each run; otherwise the locator's own plus the number of the run.
+        epochs : sequence of int, optional
+            Where a fix is made, ascending; otherwise only at the last.
+
+        Returns
+        -------
+        SourceRun
+            Arrays with axes (runs, epochs, ...).
+        """
+        runs = len(np.asarray(bearings))
+        seen = _observed(
+            positions,
+            bearings,
+            sigmas,
+            times=times,
+            position_covariance=position_covariance,
+            heading_sigma_rad=heading_sigma_rad,
+            dimensions=self.dimensions,
+            runs=runs,
+        )
+        n = len(seen.times_s)
+        chosen = [n - 1] if epochs is None else [int(k) for k in epochs]
+        if any(not 0 <= k < n for k in chosen) or any(b <= a for a, b in itertools.pairwise(chosen)):
+            raise ValueError(f"epochs: ascending indices below {n} expected, got {list(chosen)}")
+        starts = np.empty((0, self.dimensions)) if starts_m is None else _floats("starts_m", starts_m)
+        if starts_m is not None and starts.shape != (runs, self.dimensions):
+            raise ValueError(f"starts_m: expected shape ({runs}, {self.dimensions}), got {starts.shape}")
+        drawn = [self._seed + run for run in range(runs)] if seeds is None else [int(seed) for seed in seeds]
+        if len(drawn) != runs:
+            raise ValueError(f"seeds: {runs} expected, got {len(drawn)}")
+        return _run(seen.times_s[chosen], self._core.run_many(*seen.arguments, starts, drawn, chosen))
+
+    def reset(self, start_m: npt.ArrayLike | None = None, *, seed: int | None = None) -> None:
+        """As new, from another start."""
+        self._core.reset(start_m, self._seed if seed is None else seed)
+
+    @property
+    def particles_m(self) -> _Array:
+        """Places of the particles, shape (particles, d); empty for other methods."""
+        return self._core.particles()
+
+    @property
+    def particle_weights(self) -> _Array:
+        """Their weights, which sum to one after a fix."""
+        return self._core.weights()
+
+    @property
+    def members(self) -> tuple[_Array, _Array]:
+        """Positions (k, d) and weights (k,) of the bank's filters; empty before it starts and for other methods."""
+        at, weights = self._core.members()
+        return at, weights
+
+    def __repr__(self) -> str:
+        return f"SourceLocator({self.method!r}, dimensions={self.dimensions}, motion={self.motion!r})"
+
+
+def locate_source(
+    positions: npt.ArrayLike,
+    bearings: npt.ArrayLike,
+    sigmas: npt.ArrayLike,
+    method: str = "ml",
+    *,
+    times: npt.ArrayLike | None = None,
+    position_covariance: npt.ArrayLike | None = None,
+    heading_sigma_rad: npt.ArrayLike = 0.0,
+    motion: str = "static",
+    start_m: npt.ArrayLike | None = None,
+    seed: int = 0,
+    **options: float,
+) -> SourceFix:
+    """Where a source is, from all bearings at once.
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 2) or (n, 3)
+        Of the platform, local planar metres: x east, y north, z up.
+    bearings : array_like, shape (n,) or (n, 2)
+        Azimuths from x towards y in radians; or azimuth and elevation, for three dimensions.
+    sigmas : float or array_like, shape (n,) or (n, 2)
+        Standard deviations in radians.
+    method : str
+        See `SourceLocator`.
+    times : array_like, shape (n,), optional
+        Of a moving source's bearings; otherwise 0, 1, 2, ...
+    position_covariance : array_like, shape (d, d) or (n, d, d), optional
+        Of `positions`.
+    heading_sigma_rad : float or array_like, shape (n,)
+        Of the platform's heading, independent from bearing to bearing; a constant error is estimated with
+        ``heading_bias_sigma_rad``.
+    motion : {"static", "constant_velocity"}
+    start_m : array_like, shape (d,), optional
+    seed : int
+        Of the particle filter.
+    **options
+        See `SourceLocator`. Without ``max_range_m`` sources are looked for to 20 times the path's extent; without
+        ``bank_azimuths`` the bank starts all round when no bearing is good enough.
+
+    Returns
+    -------
+    SourceFix
+        ``status``, ``position_m``, ``covariance_m2``, ``cep_m``, ``unobservable`` with the ``line`` on which the source
+        then lies; ``message`` says it in a sentence.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit and options out of range. Bearings that are not finite or have no positive sigma are
+        left out; too few, parallel or contradictory ones give a ``status``.
+    """
+    seen = _observed(
+        positions,
+        bearings,
+        sigmas,
+        times=times,
+        position_covariance=position_covariance,
+        heading_sigma_rad=heading_sigma_rad,
+    )
+    finite = seen.positions[np.isfinite(seen.positions).all(axis=1)]
+    extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
+    if "max_range_m" not in options and extent > 0.0:
+        options["max_range_m"] = 20.0 * extent
+    options.setdefault("min_range_m", 0.01 * options.get("max_range_m", 3000.0))
+    if method == "ekf_bank" and "bank_azimuths" not in options:
+        best = float(np.min(seen.sigmas[:, 0], initial=np.inf, where=seen.sigmas[:, 0] > 0.0))
+        options["bank_azimuths"] = 0 if best < options.get("bank_sigma_rad", np.radians(10.0)) else 12
+    options.setdefault("max_bearings", max(4096, len(seen.times_s)))
+    locator = SourceLocator(
+        method, dimensions=seen.positions.shape[1], motion=motion, start_m=start_m, seed=seed, **options
+    )
+    fix = locator._core.step(*seen.arguments, True)
+    assert fix is not None
+    return fix
+
+
+def source_crlb(
+    positions: npt.ArrayLike,
+    emitter: npt.ArrayLike,
+    sigmas: npt.ArrayLike,
+    *,
+    times: npt.ArrayLike | None = None,
+    motion: str = "static",
+    velocity: npt.ArrayLike | None = None,
+    acceleration_psd: float = 0.0,
+    heading_bias_sigma_rad: float = 0.0,
+    start_sigma_m: float = 0.0,
+    start_speed_sigma_mps: float = 0.0,
+    position_covariance: npt.ArrayLike | None = None,
+    heading_sigma_rad: npt.ArrayLike = 0.0,
+) -> _Array:
+    """Least covariance of any unbiased estimate of a source after each bearing (Cramér-Rao, posterior when it moves).
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 2) or (n, 3)
+    emitter : array_like, shape (d,)
+        True position at the first bearing; two numbers: azimuths, three: azimuths and elevations.
+    sigmas : float or array_like, shape (n,) or (n, d - 1)
+    times : array_like, shape (n,), optional
+    motion : {"static", "constant_velocity"}
+    velocity : array_like, shape (d,), optional
+        True velocity of a moving source at the start.
+    acceleration_psd : float
+        White acceleration of a moving source in m²/s³.
+    heading_bias_sigma_rad : float
+        Of an unknown constant in all azimuths; 0: there is none.
+    start_sigma_m, start_speed_sigma_mps : float
+        Prior knowledge; 0: none.
+
+    Returns
+    -------
+    ndarray, shape (n, d, d), or (n, 2 d, 2 d) with the velocity
+        Infinite on the diagonal where nothing is determined yet.
+    """
+    at = _floats("emitter", emitter)
+    if at.shape not in ((2,), (3,)):
+        raise ValueError(f"emitter: expected shape (2,) or (3,), got {at.shape}")
+    seen = _observed(
+        positions,
+        None,
+        sigmas,
+        times=times,
+        position_covariance=position_covariance,
+        heading_sigma_rad=heading_sigma_rad,
+        dimensions=at.size,
+    )
+    moving = _named("motion", motion, _MOTIONS) is SourceMotion.CONSTANT_VELOCITY
+    return _navigation.source_crlb(
+        seen.times_s,
+        seen.positions,
+        seen.sigmas,
+        seen.position_covariance,
+        seen.heading_sigma_rad,
+        at,
+        np.zeros(at.size) if velocity is None else _floats("velocity", velocity),
+        moving,
+        acceleration_psd,
+        heading_bias_sigma_rad,
+        start_sigma_m,
+        start_speed_sigma_mps,
+    )
+
+
+def likelihood_surface(
+    positions: npt.ArrayLike,
+    bearings: npt.ArrayLike,
+    sigmas: npt.ArrayLike,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    *,
+    shape: tuple[int, int] = (200, 200),
+    outlier_probability: float = 0.02,
+    position_covariance: npt.ArrayLike | None = None,
+    heading_sigma_rad: npt.ArrayLike = 0.0,
+) -> tuple[_Array, _Array, _Array]:
+    """Log-likelihood of a source at each point of a grid, from azimuths (carter 5.14, fig. 5.24).
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 2)
+    bearings : array_like, shape (n,)
+    sigmas : float or array_like, shape (n,)
+    x, y : tuple of two floats
+        First and last column and row in metres.
+    shape : tuple of two ints
+        Rows (along y) and columns (along x).
+    outlier_probability : float
+        Of a bearing from anywhere, in [0, 1).
+
+    Returns
+    -------
+    x_m : ndarray, shape (columns,)
+    y_m : ndarray, shape (rows,)
+    log_likelihood : ndarray, shape (rows, columns)
+        Bearings that are not finite or have no positive sigma are left out.
+    """
+    seen = _observed(
+        positions,
+        bearings,
+        sigmas,
+        position_covariance=position_covariance,
+        heading_sigma_rad=heading_sigma_rad,
+        dimensions=2,
+    )
+    rows, columns = shape
+    surface = _navigation.likelihood_surface(
+        *seen.arguments, (float(x[0]), float(x[1])), (float(y[0]), float(y[1])), columns, rows, outlier_probability
+    )
+    return np.linspace(*x, columns), np.linspace(*y, rows), surface
+
+
+def cep(covariance_m2: npt.ArrayLike, probability: float = 0.5) -> float:
+    """Radius of the circle that holds a centred normal error with `probability`, exactly.
+
+    Parameters
+    ----------
+    covariance_m2 : array_like, shape (2, 2) or larger
+        The first two coordinates are read.
+    probability : float
+        In (0, 1).
+
+    Returns
+    -------
+    float
+        In metres.
+    """
+    covariance = _floats("covariance_m2", covariance_m2)
+    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1] or covariance.shape[0] < 2:
+        raise ValueError(f"covariance_m2: expected shape (2, 2), got {covariance.shape}")
+    return _estimation.circular_error_m(np.ascontiguousarray(covariance[:2, :2]), probability)
+
+
+class SourceTracks:
+    """Several sources at once: the bearings of each epoch are shared out among banks of filters.
+
+    Association is by global nearest neighbour, with a gate and false bearings; free bearings start tentative tracks,
+    hits confirm them, misses end them.
+
+    Parameters
+    ----------
+    dimensions : {2, 3}
+    motion : {"static", "constant_velocity"}
+    gate_probability : float
+        Of leaving out a source's own bearing.
+    clutter_density_per_rad : float
+        False bearings in an epoch, per radian (in three dimensions per square radian).
+    confirm_hits, confirm_epochs : int
+        Bearings that confirm a track, and the epochs it has for them.
+    drop_misses : int
+        Epochs in a row without a bearing that end a confirmed track.
+    **options
+        Of the banks, see `SourceLocator`.
+    """
+
+    def __init__(
+        self,
+        *,
+        dimensions: int = 2,
+        motion: str = "static",
+        gate_probability: float = 1e-4,
+        clutter_density_per_rad: float = 0.01,
+        confirm_hits: int = 5,
+        confirm_epochs: int = 8,
+        drop_misses: int = 30,
+        **options: float,
+    ) -> None:
+        unknown = sorted(set(options) - SourceLocator._OPTIONS)
+        if unknown:
+            raise ValueError(f"{unknown[0]}: no such option; known are {', '.join(sorted(SourceLocator._OPTIONS))}")
+        self.dimensions = dimensions
+        self.tracks: list[SourceTrack] = []
+        self._core = _navigation.SourceTracks(
+            dimensions,
+            _named("motion", motion, _MOTIONS),
+            gate_probability,
+            clutter_density_per_rad,
+            confirm_hits,
+            confirm_epochs,
+            drop_misses,
+            **options,
+        )
+
+    def step(
+        self,
+        t_s: float,
+        position: npt.ArrayLike,
+        bearings: npt.ArrayLike,
+        sigmas: npt.ArrayLike,
+        *,
+        position_covariance: npt.ArrayLike | None = None,
+        heading_sigma_rad: float = 0.0,
+    ) -> list[SourceTrack]:
+        """One epoch.
+
+        Parameters
+        ----------
+        t_s : float
+        position : array_like, shape (d,)
+        bearings : array_like, shape (k,) or (k, 2)
+            Of all sources heard; may be none.
+        sigmas : float or array_like, shape (k,) or (k, 2)
+
+        Returns
+        -------
+        list of SourceTrack
+            Oldest first; also `tracks`.
+        """
+        z = _floats("bearings", bearings)
+        k = len(z) if z.ndim else 1
+        z = z.reshape(k, self.dimensions - 1) if z.size else np.empty((0, self.dimensions - 1))
+        at = _floats("position", position).reshape(1, -1)
+        seen = _observed(
+            np.repeat(at, len(z), axis=0),
+            z,
+            sigmas if len(z) else 1.0,
+            times=np.full(len(z), t_s),
+            position_covariance=position_covariance,
+            heading_sigma_rad=heading_sigma_rad,
+            dimensions=self.dimensions,
+        )
+        self.tracks = self._core.step(*seen.arguments)
+        return self.tracks
+
+    def __iter__(self) -> Iterator[SourceTrack]:
+        return iter(self.tracks)
+
+    @property
+    def confirmed(self) -> list[SourceTrack]:
+        """The tracks that are confirmed."""
+        return [track for track in self.tracks if track.state is TrackState.CONFIRMED]
