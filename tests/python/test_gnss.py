@@ -270,7 +270,7 @@ def test_antennas_share_a_clock_and_not_their_noise(sky):
     again = simulate_gnss(sky, places, TOE_S + np.arange(5.0), WEEK, seed=3, clock_bias_m=77.0)
     np.testing.assert_array_equal(one.code_m, again.antennas[0].code_m)
     other = simulate_gnss(sky, places, TOE_S + np.arange(5.0), WEEK, seed=4, clock_bias_m=77.0)
-    assert (one.code_m != other.antennas[0].code_m)[visible[0]].all()
+    assert (one.code_m != other.antennas[0].code_m)[visible].all()
     assert "2 antennas" in repr(seen)
 
 
@@ -390,13 +390,13 @@ def test_dopplers_of_an_antenna_at_rest():
 @offair
 @pytest.mark.offair
 def test_slips_are_found_in_a_recording():
-    observed = gnss.read_observations(BASELINE / "base.obs", interval_s=1.0)
+    observed = gnss.read_observations(BASELINE / "base.obs", interval_s=2.0)
     quiet = gnss.cycle_slips(observed)
     high = ~quiet.any(axis=0) & np.isfinite(observed.phase_cycles).all(axis=0)
     assert high.sum() >= 8
     phase = observed.phase_cycles.copy()
     columns = np.flatnonzero(high)
-    epochs = 20 + 25 * np.arange(len(columns))
+    epochs = 20 + 12 * np.arange(len(columns))
     for column, epoch in zip(columns, epochs, strict=True):
         phase[epoch:, column] += 1.0
     slipped = gnss.cycle_slips(gnss.Observations(**{**vars(observed), "phase_cycles": phase}))

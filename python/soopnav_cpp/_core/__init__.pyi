@@ -9,6 +9,7 @@ from . import dsp
 from . import estimation
 from . import geometry
 from . import gnss
+from . import gps
 from . import inertial
 from . import lte
 from . import measurement
@@ -24,6 +25,7 @@ __all__: list[str] = [
     "estimation",
     "geometry",
     "gnss",
+    "gps",
     "inertial",
     "lte",
     "measurement",

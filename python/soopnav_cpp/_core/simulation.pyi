@@ -7,12 +7,14 @@ import collections.abc
 import numpy
 import numpy.typing
 import soopnav_cpp._core.geometry
+import soopnav_cpp._core.gnss
 import soopnav_cpp._core.ofdm
 import typing
 
 __all__: list[str] = [
     "BoundarySeries",
     "FrontEnd",
+    "GnssObservableOptions",
     "ImuErrorModel",
     "LinkBudget",
     "OfdmLink",
@@ -34,8 +36,37 @@ __all__: list[str] = [
     "noise_variance_for_snr",
     "ricean_reflections",
     "sample_covariances",
+    "simulate_gnss",
     "thermal_noise_dbm",
 ]
+
+class GnssObservableOptions:
+    """
+    What a simulated GNSS receiver is like.
+    """
+    def __init__(
+        self,
+        *,
+        elevation_mask_rad: typing.SupportsFloat | typing.SupportsIndex,
+        cn0_zenith_dbhz: typing.SupportsFloat | typing.SupportsIndex,
+        cn0_drop_db: typing.SupportsFloat | typing.SupportsIndex,
+        noise: bool,
+        phase_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex,
+        code_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex,
+        early_late_chips: typing.SupportsFloat | typing.SupportsIndex,
+        integration_s: typing.SupportsFloat | typing.SupportsIndex,
+        code_sigma_m: typing.SupportsFloat | typing.SupportsIndex | None,
+        phase_sigma_m: typing.SupportsFloat | typing.SupportsIndex | None,
+        doppler_sigma_hz: typing.SupportsFloat | typing.SupportsIndex,
+        multipath_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        multipath_time_s: typing.SupportsFloat | typing.SupportsIndex,
+        multipath_phase_ratio: typing.SupportsFloat | typing.SupportsIndex,
+        ionosphere: numpy.typing.ArrayLike | None,
+        troposphere: bool,
+        relative_humidity: typing.SupportsFloat | typing.SupportsIndex,
+        integers: bool,
+        max_age_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
 
 class SensorErrorModel:
     """
@@ -588,6 +619,22 @@ def sample_covariances(
 ) -> numpy.typing.NDArray[numpy.complex128]:
     """
     Sample covariances of waves in unit noise from their exact law, shape (epochs, elements, elements).
+    """
+
+def simulate_gnss(
+    table: soopnav_cpp._core.gnss.EphemerisTable,
+    options: GnssObservableOptions,
+    positions_m: numpy.typing.ArrayLike,
+    velocities_mps: numpy.typing.ArrayLike,
+    week: numpy.typing.ArrayLike,
+    time_of_week_s: numpy.typing.ArrayLike,
+    clock_bias_m: numpy.typing.ArrayLike,
+    clock_drift_mps: numpy.typing.ArrayLike,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    stream: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple:
+    """
+    ([code, phase, Doppler, C/N0, range, range rate, azimuth, elevation], prns, integers).
     """
 
 def thermal_noise_dbm(

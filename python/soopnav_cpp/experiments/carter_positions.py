@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ EPOCHS = 60
 PLACES = 12
 SIGMA_M = 1.5
 MASK = np.deg2rad(10.0)
-BLUE, RED, GREEN, GREY = "#1b6ca8", "#d1495b", "#2e933c", "#5c677d"
+BLUE, RED, GREEN, GREY, INK = "#1b6ca8", "#d1495b", "#2e933c", "#5c677d", "#22303c"
 
 
 class Day(NamedTuple):
@@ -113,41 +113,40 @@ def positions(lab: Lab) -> Iterator[Claim]:
     measured = np.array([np.sqrt(np.mean(e**2)) for _, e in bins])
 
     with lab.figure(10.8, 4.2) as figure:
-        axes = [
-            figure.add_subplot(1, 3, 1, projection="polar"),
-            figure.add_subplot(1, 3, 2),
-            figure.add_subplot(1, 3, 3),
-        ]
+        disk: Any = figure.add_subplot(1, 3, 1, projection="polar")
+        scatter, histogram = figure.add_subplot(1, 3, 2), figure.add_subplot(1, 3, 3)
         azimuth, elevation = first_sky(lab.seeds[0])
-        sky: object = axes[0]
-        sky.set_theta_zero_location("N")  # type: ignore[attr-defined]
-        sky.set_theta_direction(-1)  # type: ignore[attr-defined]
+        disk.set_theta_zero_location("N")
+        disk.set_theta_direction(-1)
         for i in range(azimuth.shape[1]):
             seen = np.isfinite(azimuth[:, i])
             if not seen.any():
                 continue
-            axes[0].plot(azimuth[:, i], 90.0 - np.rad2deg(elevation[:, i]), color=BLUE, linewidth=1.0)
+            disk.plot(azimuth[:, i], 90.0 - np.rad2deg(elevation[:, i]), color=BLUE, linewidth=1.0)
             last = int(np.flatnonzero(seen)[-1])
             at = (azimuth[last, i], 90.0 - np.rad2deg(elevation[last, i]))
-            axes[0].plot(*at, "o", color=BLUE, ms=4)
-            axes[0].annotate(f"{i + 1}", at, xytext=(4, 3), textcoords="offset points", fontsize=7, color=GREY)
-        axes[0].set_ylim(0.0, 90.0)
-        axes[0].set_yticks([0.0, 30.0, 60.0, 90.0], ["", "60°", "30°", ""], fontsize=7)
-        axes[0].set_xticks(np.deg2rad([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"], fontsize=8)
-        axes[0].grid(True, color="#c5ced6", linewidth=0.5)
-        axes[0].set_title("Two hours of sky", loc="left", fontsize=10.5, fontweight="bold")
-        style(axes[1], "Error against dilution", "PDOP", "position error [m]")
-        axes[1].loglog(pdop[usual], length[usual], ".", color=GREY, ms=2, alpha=0.35, label="one epoch")
+            disk.plot(*at, "o", color=BLUE, ms=4, clip_on=False)
+            disk.annotate(f"G{i + 1:02d}", at, xytext=(4, 3), textcoords="offset points", fontsize=7, color=GREY)
+        disk.set_ylim(0.0, 90.0)
+        disk.set_yticks([0.0, 30.0, 60.0, 90.0], ["", "60°", "30°", ""], fontsize=7)
+        disk.set_xticks(np.deg2rad([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"], fontsize=8)
+        disk.grid(True, color="#c5ced6", linewidth=0.5)
+        disk.set_title("Two hours of sky", loc="left", fontsize=10.5, fontweight="bold", color=INK)
+        style(scatter, "Error against dilution", "PDOP", "position error [m]")
+        scatter.loglog(pdop[usual], length[usual], ".", color=GREY, ms=2, alpha=0.35, label="one epoch")
         centre = predicted / SIGMA_M
-        axes[1].loglog(centre, measured, "o", color=RED, ms=5, label="rms of an eighth")
-        axes[1].loglog(centre, predicted, color=BLUE, linewidth=1.2, label=f"PDOP · {SIGMA_M:g} m")
-        axes[1].legend(frameon=False, fontsize=8)
-        style(axes[2], "Without noise", "error [m]", "epochs")
+        scatter.loglog(centre, measured, "o", color=RED, ms=5, label="rms of an eighth")
+        scatter.loglog(centre, predicted, color=BLUE, linewidth=1.2, label=f"PDOP · {SIGMA_M:g} m")
+        scatter.set_xticks([], minor=True)
+        scatter.set_xticks([1.5, 2.0, 3.0, 5.0, 10.0, 20.0], ["1.5", "2", "3", "5", "10", "20"])
+        scatter.set_ylim(0.05, 200.0)
+        scatter.legend(frameon=False, fontsize=8, loc="upper left")
+        style(histogram, "Without noise", "error [m]", "epochs")
         spread = np.maximum(np.linalg.norm(exact[:, :3], axis=1), 1e-10)
-        axes[2].hist(spread, bins=np.logspace(-10, -2, 49).tolist(), color=GREEN)
-        axes[2].set_xscale("log")
-        axes[2].axvline(1e-3, color=RED, linewidth=1.0, linestyle=(0, (4, 3)))
-        axes[2].annotate("1 mm", (1e-3, 0.93), xycoords=("data", "axes fraction"), xytext=(-3, 0),
+        histogram.hist(spread, bins=np.logspace(-10, -2, 49).tolist(), color=GREEN)
+        histogram.set_xscale("log")
+        histogram.axvline(1e-3, color=RED, linewidth=1.0, linestyle=(0, (4, 3)))
+        histogram.annotate("1 mm", (1e-3, 0.93), xycoords=("data", "axes fraction"), xytext=(-3, 0),
                          textcoords="offset points", fontsize=8, color=RED, ha="right")  # fmt: skip
     lab.save(
         exact_m=exact, errors_m=errors, sigmas_m=sigmas, dop=dops, used=used, predicted_m=predicted, rms_m=measured

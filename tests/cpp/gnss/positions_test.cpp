@@ -1,6 +1,7 @@
 // Orbits, atmosphere, single-point positions and simulated observables.
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
 #include <functional>
@@ -88,13 +89,13 @@ TEST(Orbit, KeplerInvariants) {
 
 TEST(Orbit, VelocityAndClockRateAreDerivatives) {
   const Ephemeris eph = full_orbit();
-  constexpr double kStep = 0.5;
+  constexpr double kStep = 0.125;  // exact in binary; the jerk shows below 3e-7 m/s
   for (double t = -7200.0; t <= 7200.0; t += 1111.0) {
     const auto s = satellite_state(eph, at(t));
     const auto before = satellite_state(eph, at(t - kStep));
     const auto after = satellite_state(eph, at(t + kStep));
     ASSERT_TRUE(s && before && after);
-    EXPECT_LT(((after->position_e - before->position_e) / (2.0 * kStep) - s->velocity_e).norm(), 2e-6) << t;
+    EXPECT_LT(((after->position_e - before->position_e) / (2.0 * kStep) - s->velocity_e).norm(), 4e-7) << t;
     EXPECT_NEAR((after->clock_s - before->clock_s) / (2.0 * kStep), s->clock_rate, 1e-17) << t;
   }
 }
@@ -110,7 +111,8 @@ TEST(Orbit, ClockHoldsEveryTerm) {
   const Eigen::Vector3d v = with->velocity_e + Eigen::Vector3d(0.0, 0.0, kEarthRateRadps).cross(with->position_e);
   const double relativity = -2.0 * with->position_e.dot(v) / (kSpeedOfLightMps * kSpeedOfLightMps);
   const double dt = 116.0;  // since toc
-  EXPECT_NEAR(without->clock_s - (eph.af0_s + eph.af1 * dt + eph.af2_ps * dt * dt), relativity, 1e-11);
+  EXPECT_NEAR(without->clock_s - (eph.af0_s + eph.af1 * dt + eph.af2_ps * dt * dt), relativity,
+              1e-10);  // the harmonics of the orbit are in one only
   EXPECT_GT(std::abs(relativity), 1e-9);
 }
 
@@ -278,7 +280,7 @@ TEST(SinglePoint, CovarianceIsDopTimesSigmaWhenAllAreAlike) {
 
 TEST(SinglePoint, RejectsOutliers) {
   const Sky sky;
-  const SinglePoint solver(sky.table, sky.klobuchar);
+  const SinglePoint solver(sky.table, sky.klobuchar, {.elevation_mask_rad = 0.0});
   auto z = sky.measure(0.0);
   ASSERT_GE(z.size(), 8u);
   z[2].pseudorange_m += 80.0;
@@ -290,14 +292,13 @@ TEST(SinglePoint, RejectsOutliers) {
   fix = solver.fix(at(0.0), z);
   EXPECT_EQ(fix.status, PointStatus::kConverged) << fix.message();
   EXPECT_EQ(fix.use[5], SatelliteUse::kRejected);
-  const SinglePoint trusting(sky.table, sky.klobuchar, {.reject_outliers = false});
+  const SinglePoint trusting(sky.table, sky.klobuchar, {.elevation_mask_rad = 0.0, .reject_outliers = false});
   EXPECT_EQ(trusting.fix(at(0.0), z).status, PointStatus::kInconsistent);
   // One satellite to spare shows that something is wrong, and not what.
   std::vector<PointMeasurement> five;
   for (const std::size_t i : {0u, 1u, 2u, 3u, 4u}) five.push_back(z[i]);
   five[2].pseudorange_m += 2000.0;
-  const SinglePoint open(sky.table, sky.klobuchar, {.elevation_mask_rad = 0.0});
-  EXPECT_EQ(open.fix(at(0.0), five).status, PointStatus::kInconsistent);
+  EXPECT_EQ(solver.fix(at(0.0), five).status, PointStatus::kInconsistent);
 }
 
 TEST(SinglePoint, WhatBecomesOfSatellites) {

@@ -125,7 +125,7 @@ TEST(Signal, DelayAndDopplerAreFound) {
       forward.execute(work.data(), product.data());
       for (std::size_t n = 0; n < kSamples; ++n) product[n] *= std::conj(spectrum[n]);
       inverse.execute(product.data(), work.data());
-      for (std::size_t n = 0; n < kSamples; ++n) power[n] += std::norm(work[n]);
+      for (std::size_t n = 0; n < kSamples; ++n) power[n] += static_cast<double>(std::norm(work[n]));
     }
     for (std::size_t n = 0; n < kSamples; ++n) {
       mean += power[n];
@@ -194,7 +194,7 @@ TEST(Signal, PowerIsTheStatedDensity) {
   std::vector<Cf32> x(40'000);
   SignalGenerator({s}, rate).render(0, x);
   double power = 0.0;
-  for (const Cf32& v : x) power += std::norm(v);
+  for (const Cf32& v : x) power += static_cast<double>(std::norm(v));
   EXPECT_NEAR(10.0 * std::log10(power / static_cast<double>(x.size()) * rate), 45.0, 1e-3);
 }
 
