@@ -75,7 +75,7 @@ class _Observed:
     heading_sigma_rad: _Array  # (n,)
 
     @property
-    def arguments(self) -> tuple[_Array, ...]:
+    def arguments(self) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array]:
         return (
             self.times_s,
             self.positions,
@@ -192,7 +192,7 @@ class SourceRun:
     def nees(self, emitter: npt.ArrayLike) -> _Array:
         """Squared error in the stated covariance, shape (n,); NaN where a covariance is singular."""
         error = self.position_m - np.asarray(emitter, dtype=np.float64)
-        good = np.isfinite(error).all(-1) & np.isfinite(self.covariance_m2).all((-2, -1))
+        good = np.asarray(np.isfinite(error).all(-1) & np.isfinite(self.covariance_m2).all((-2, -1)))
         covariance = np.where(good[..., None, None], self.covariance_m2, np.eye(error.shape[-1]))
         good &= np.linalg.det(covariance) > 0.0
         covariance = np.where(good[..., None, None], covariance, np.eye(error.shape[-1]))
@@ -529,7 +529,7 @@ def locate_source(
     options.setdefault("min_range_m", 0.01 * options.get("max_range_m", 3000.0))
     if method == "ekf_bank" and "bank_azimuths" not in options:
         best = float(np.min(seen.sigmas[:, 0], initial=np.inf, where=seen.sigmas[:, 0] > 0.0))
-        options["bank_azimuths"] = 0 if best < options.get("bank_sigma_rad", np.radians(10.0)) else 12
+        options["bank_azimuths"] = 0 if best < options.get("bank_sigma_rad", float(np.radians(10.0))) else 12
     options.setdefault("max_bearings", max(4096, len(seen.times_s)))
     locator = SourceLocator(
         method, dimensions=seen.positions.shape[1], motion=motion, start_m=start_m, seed=seed, **options
@@ -673,7 +673,7 @@ def cep(covariance_m2: npt.ArrayLike, probability: float = 0.5) -> float:
     covariance = _floats("covariance_m2", covariance_m2)
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1] or covariance.shape[0] < 2:
         raise ValueError(f"covariance_m2: expected shape (2, 2), got {covariance.shape}")
-    return _estimation.circular_error_m(np.ascontiguousarray(covariance[:2, :2]), probability)
+    return _estimation.circular_error_m(np.ascontiguousarray(covariance[:2, :2]), probability=probability)
 
 
 class SourceTracks:

@@ -28,8 +28,10 @@ std::vector<Eigen::MatrixXd> source_crlb(std::span<const SourceBearing> bearings
   const detail::Layout layout{static_cast<std::size_t>(options.dimensions), moving, biased};
   const auto n = static_cast<Eigen::Index>(layout.size());
   const Eigen::Index out_size = moving ? 2 * dims : dims;
-  if (!source_m.head(dims).allFinite() || !velocity_mps.head(dims).allFinite()) {
-    throw std::invalid_argument("emitter: finite numbers expected");
+  for (Eigen::Index i = 0; i < dims; ++i) {
+    if (!std::isfinite(source_m[i]) || !std::isfinite(velocity_mps[i])) {
+      throw std::invalid_argument("emitter: finite numbers expected");
+    }
   }
 
   Eigen::MatrixXd prior = Eigen::MatrixXd::Zero(n, n);

@@ -190,9 +190,13 @@ struct SourceLocator::Impl {
 
   // --- solving -------------------------------------------------------------------------------------------------------
 
+  [[nodiscard]] bool unmoved() const noexcept {
+    return reach_m <= 1e-9 * (1.0 + std::abs(first_place[0]) + std::abs(first_place[1]));
+  }
+
   // The kept bearings point to one far place: no range.
   [[nodiscard]] bool parallel() const noexcept {
-    if (reach_m <= 1e-9 * (1.0 + std::abs(first_place[0]) + std::abs(first_place[1]))) return true;
+    if (unmoved()) return true;
     const double mean = std::atan2(heading.s, heading.c);
     double chi = 0.0;
     for (const Kept& k : kept) {
@@ -298,7 +302,7 @@ struct SourceLocator::Impl {
     fix.line = line;
   }
 
-  // Range known to less than half of it, and the estimate off the platform.
+  // Range known to half of it, and the platform's places two sigma away.
   void judge(SourceFix& fix) const noexcept {
     if (!fix.position_m.allFinite() || !fix.covariance_m2.allFinite()) return;
     const Eigen::Matrix2d P = fix.covariance_m2.topLeftCorner<2, 2>();
@@ -307,7 +311,8 @@ struct SourceLocator::Impl {
     const Eigen::Vector3d from_first = fix.position_m - Eigen::Vector3d(first_place[0], first_place[1], first_place[2]);
     const Eigen::Vector3d from_last = fix.position_m - Eigen::Vector3d(newest.b.x, newest.b.y, newest.b.z);
     const double far = std::max(from_first.norm(), from_last.norm());
-    if (std::sqrt(largest) > 0.5 * far && far > 0.0) {
+    // From one place a filter's small range error is its linearisation's word alone.
+    if ((std::sqrt(largest) > 0.5 * far && far > 0.0) || unmoved()) {
       fix.status = SourceStatus::kUnobservable;
       draw_line(fix);
       return;
@@ -326,7 +331,7 @@ struct SourceLocator::Impl {
       solve(layout.dimensions, L, miss, scaled);
       double square = 0.0;
       for (std::size_t i = 0; i < layout.dimensions; ++i) square += miss[i] * scaled[i];
-      return square < 1.0;
+      return square < 4.0;
     };
     bool on = near(newest);
     for (const Kept& k : kept) on = on || near(k);
@@ -360,7 +365,7 @@ struct SourceLocator::Impl {
     fix.degrees_of_freedom = std::max(static_cast<int>(s.angles) - static_cast<int>(unknowns), 0);
     fix.outliers = s.outliers;
     fix.status = s.converged ? SourceStatus::kConverged : SourceStatus::kNotConverged;
-    if (fix.status == SourceStatus::kConverged && options.method != SourceMethod::kLinear) {
+    if (options.method != SourceMethod::kLinear) {
       const bool many = static_cast<double>(s.outliers) > kMostOutliers * static_cast<double>(kept.size());
       const bool large = fix.degrees_of_freedom > 0 &&
                          s.chi_square > chi_square_upper_quantile(options.false_alarm_probability,

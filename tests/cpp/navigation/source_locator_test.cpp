@@ -58,7 +58,7 @@ SourceOptions with(SourceMethod method, int dimensions = 2) {
   SourceOptions o;
   o.method = method;
   o.dimensions = dimensions;
-  o.particles = 2000;
+  o.particles = 1000;
   o.triple_spacing = 5;
   if (method == SourceMethod::kExtendedKalman || method == SourceMethod::kParticle) {
     o.start_m = Eigen::Vector3d(150.0, 200.0, 30.0);
@@ -124,7 +124,8 @@ TEST(SourceLikelihood, KernelsAgreeWithTheLibraryFunctions) {
           for (const auto& b : all) sum += reference(b, x[i], y[i], z[i], space, outlier);
           ASSERT_NEAR(logs[i], sum, 1e-9 * std::abs(sum)) << space << inexact << outlier << " place " << i;
           const double one = std::exp(reference(all[3], x[i], y[i], z[i], space, outlier)) / top;
-          ASSERT_NEAR(weights[i], one, 1e-9 * one + 1e-300);
+          // The arc tangent is right to 4e-12: of an error of k sigma that is 4e-12 k² of the density.
+          ASSERT_NEAR(weights[i], one, one * (1e-9 + 3e-11 * std::abs(std::log(one))) + 1e-300);
           total += weights[i];
         }
         EXPECT_NEAR(sums.sum, total, 1e-12 * total);
@@ -204,9 +205,10 @@ TEST(SourceLocator, FollowsAMovingSource) {
       SourceOptions options = with(method, dimensions);
       options.motion = SourceMotion::kConstantVelocity;
       const SourceFix fix = locate(options, drive(start, velocity, 0.0, 1));
-      const Eigen::Vector3d end = start + 100.0 * velocity;
+      Eigen::Vector3d end = start + 100.0 * velocity;
+      if (dimensions == 2) end[2] = 0.0;
       const double limit = method == SourceMethod::kEkfBank ? 10.0 : 0.01;
-      EXPECT_LT((fix.position_m - end).head(dimensions).norm(), limit) << to_string(method) << dimensions;
+      EXPECT_LT((fix.position_m - end).norm(), limit) << to_string(method) << dimensions;
       EXPECT_LT((fix.velocity_mps - velocity).head(2).norm(), 0.05 * limit + 1e-3) << to_string(method) << dimensions;
     }
   }
@@ -233,7 +235,9 @@ TEST(SourceLocator, SaysWhatIsNotObservable) {
   auto parallel = drive({100.0, 150.0, 0.0}, Eigen::Vector3d::Zero(), 1.0, 3);
   for (auto& b : parallel) b.azimuth_rad += 1.0 - std::atan2(150.0 - b.position_m[1], 100.0 - b.position_m[0]);
   for (const SourceMethod method : kMethods) {
-    const SourceFix fix = locate(with(method), still);
+    SourceOptions options = with(method);
+    options.start_sigma_m = 1000.0;
+    const SourceFix fix = locate(options, still);
     EXPECT_EQ(fix.status, SourceStatus::kUnobservable) << to_string(method) << fix.message();
     ASSERT_TRUE(fix.line.has_value()) << to_string(method);
     if (method > SourceMethod::kMaximumLikelihood) continue;
