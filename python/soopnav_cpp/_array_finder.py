@@ -367,7 +367,7 @@ def _spectrum_or_bearings(
             vectors = vectors[:, None]
         return _array.spectrum(kind, matrix, vectors, n_sources, loading)
     finder = DirectionFinder(steering, n_sources=n_sources, method=kind, loading=loading)
-    found = finder.estimate_covariance(matrix, 1.0 if n_snapshots is None else n_snapshots)
+    found = finder.estimate_covariance(matrix, len(finder.manifold) if n_snapshots is None else n_snapshots)
     if n_snapshots is None:
         unknown = np.full_like(found.covariance_rad2, np.inf)
         found = Bearings(**{**vars(found), "covariance_rad2": unknown})

@@ -110,7 +110,7 @@ class Manifold:
         path = Path(path)
         try:
             if path.suffix.lower() == ".npz":
-                with np.load(path, allow_pickle=False) as data:
+                with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                     missing = [k for k in ("frequency_hz", "azimuth_rad", "elevation_rad", "response") if k not in data]
                     if missing:
                         raise ValueError(f"no array {missing[0]!r}")

@@ -260,7 +260,7 @@ Bearings DirectionFinder::estimate(const ComplexMatrix& covariance, double n_sna
   const SteeringTable& table = *table_;
   const int elements = table.manifold().size();
   if (covariance.rows() != elements || covariance.cols() != elements) return fail(ArrayStatus::kWrongSize);
-  if (!(n_snapshots >= 1.0) || !std::isfinite(n_snapshots)) return fail(ArrayStatus::kTooFewSnapshots);
+  if (!(n_snapshots >= elements) || !std::isfinite(n_snapshots)) return fail(ArrayStatus::kTooFewSnapshots);
   if (options_.average) {
     work.R = forward_backward(covariance);
   } else if (&covariance != &work.R) {
@@ -356,8 +356,9 @@ Bearings DirectionFinder::estimate(const ComplexMatrix& covariance, double n_sna
   source_powers(work.steering, work.R, out.noise, std::span(powers).first(static_cast<std::size_t>(found)));
   for (int k = 0; k < found; ++k)
     work.bearings[static_cast<std::size_t>(k)].power = powers[static_cast<std::size_t>(k)];
-  std::stable_sort(work.bearings.begin(), work.bearings.begin() + found,
-                   [](const Bearing& x, const Bearing& y) { return x.power > y.power; });
+  std::sort(work.bearings.begin(), work.bearings.begin() + found, [](const Bearing& x, const Bearing& y) {
+    return x.power > y.power || (x.power == y.power && x.azimuth_rad < y.azimuth_rad);
+  });
   out.sources = std::span(work.bearings).first(static_cast<std::size_t>(found));
   out.status = found == sources ? ArrayStatus::kOk : ArrayStatus::kUnresolved;
   return out;

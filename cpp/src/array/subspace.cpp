@@ -90,8 +90,10 @@ bool hermitian_eigen(const ComplexMatrix& R, HermitianEigen& out) noexcept {
   }
   std::array<Eigen::Index, kMaxElements> order{};
   for (Eigen::Index i = 0; i < n; ++i) order[static_cast<std::size_t>(i)] = i;
-  std::stable_sort(order.begin(), order.begin() + n,
-                   [&A](Eigen::Index a, Eigen::Index b) { return A(a, a).real() > A(b, b).real(); });
+  std::sort(order.begin(), order.begin() + n, [&A](Eigen::Index a, Eigen::Index b) {
+    const double x = A(a, a).real(), y = A(b, b).real();
+    return x > y || (x == y && a < b);
+  });
   out.values.resize(n);
   out.vectors.resize(n, n);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -229,7 +231,10 @@ ArrayStatus root_music(const HermitianEigen& eigen, double spacing_wavelengths, 
   // off: sorted by |ln|z||, every other one counts.
   const auto end = roots.begin() + static_cast<std::ptrdiff_t>(found);
   const auto distance = [](const Cf64& z) { return std::abs(std::log(std::abs(z))); };
-  std::stable_sort(roots.begin(), end, [&](const Cf64& a, const Cf64& b) { return distance(a) < distance(b); });
+  std::sort(roots.begin(), end, [&](const Cf64& a, const Cf64& b) {
+    const double x = distance(a), y = distance(b);
+    return x < y || (x == y && std::arg(a) < std::arg(b));
+  });
   std::array<bool, 2 * kMaxElements> used{};
   std::size_t count = 0;
   for (std::size_t i = 0; i < found && count < out.size(); ++i) {

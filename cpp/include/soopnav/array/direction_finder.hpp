@@ -119,7 +119,7 @@ class DirectionFinder {
   DirectionFinder& operator=(DirectionFinder&&) noexcept;
 
   [[nodiscard]] Bearings estimate(const ChannelSpan& iq) noexcept;
-  /// From a covariance of `n_snapshots`, which scale the bearings' covariance and the source count.
+  /// From a covariance of `n_snapshots`, at least M, which scale the bearings' covariance and the source count.
   [[nodiscard]] Bearings estimate(const ComplexMatrix& R, double n_snapshots) noexcept;
 
   [[nodiscard]] const SteeringTable& table() const noexcept { return *table_; }
