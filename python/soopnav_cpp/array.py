@@ -45,7 +45,9 @@ from soopnav_cpp._array_subspace import (
     source_count,
     spatial_smoothing,
 )
+from soopnav_cpp._calibration import Calibration, CalibrationError, array_id, calibrate
 from soopnav_cpp._core.array import ArrayGeometry, ArrayStatus
+from soopnav_cpp._sigma_map import SigmaMap
 
 __all__ = [
     "AmbiguityWarning",
@@ -53,11 +55,16 @@ __all__ = [
     "ArrayStatus",
     "BearingRun",
     "Bearings",
+    "Calibration",
+    "CalibrationError",
     "DirectionFinder",
     "FarField",
     "Manifold",
+    "SigmaMap",
     "SteeringTable",
+    "array_id",
     "bartlett",
+    "calibrate",
     "capon",
     "covariance",
     "crlb",

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import dsp, estimation, lte, simulation
+from soopnav_cpp._calibration_figures import calibration
 from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
 from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = [
     "bearings_map",
     "bearings_over_time",
+    "calibration",
     "consistency",
     "ellipse_points",
     "errors",

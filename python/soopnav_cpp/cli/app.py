@@ -10,6 +10,7 @@ from typing import ParamSpec
 import click
 
 from soopnav_cpp import __version__, io
+from soopnav_cpp.cli import calibrate as _calibrate
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -395,3 +396,6 @@ def bench(names: tuple[str, ...], as_json: bool, runs: int, only_list: bool) -> 
         work.print_table(rows, _stdout())
     if not all(row.agrees for row in rows):
         raise click.exceptions.Exit(1)
+
+
+cli.add_command(_calibrate.command)

@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["EXCESS_LOSS_DB", "EmitterDrive", "emitter_drive", "heading_rotation"]
+if TYPE_CHECKING:
+    from soopnav_cpp.array import DirectionFinder
+    from soopnav_cpp.simulation import ArrayLink
+
+__all__ = ["EXCESS_LOSS_DB", "DriveBearings", "EmitterDrive", "emitter_drive", "heading_rotation", "measure", "wrapped"]
 
 _Floats = npt.NDArray[np.float64]
 
@@ -133,4 +138,69 @@ def emitter_drive(
         azimuth_rad=np.arctan2(offset[:, 1], offset[:, 0]),
         elevation_rad=np.arcsin(offset[:, 2] / distance),
         distance_m=distance,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveBearings:
+    """What an array found along an `EmitterDrive`, one bearing per epoch.
+
+    Attributes
+    ----------
+    azimuth_rad, elevation_rad : ndarray, shape (n,)
+        In the local frame; NaN where MUSIC found nothing.
+    eigenvalues : ndarray, shape (n, M)
+        Of the sample covariances, descending.
+    """
+
+    azimuth_rad: _Floats
+    elevation_rad: _Floats
+    eigenvalues: _Floats
+
+    def errors(self, drive: EmitterDrive) -> tuple[_Floats, _Floats]:
+        """Of azimuth and elevation, shape (n,) each, radians."""
+        return wrapped(self.azimuth_rad - drive.azimuth_rad), self.elevation_rad - drive.elevation_rad
+
+
+def measure(
+    drive: EmitterDrive,
+    link: ArrayLink,
+    finder: DirectionFinder,
+    *,
+    n_samples: int = 2500,
+    seed: int,
+    generated_iq: bool = True,
+) -> DriveBearings:
+    """Bearings by MUSIC along a drive.
+
+    Parameters
+    ----------
+    drive : EmitterDrive
+    link : ArrayLink
+        Of the array that `finder` was made for.
+    finder : DirectionFinder
+        For one source.
+    n_samples : int
+        Per epoch.
+    seed : int
+    generated_iq : bool
+        From samples (some 30 ms for 240 epochs of 2500 on four elements), or from sample covariances of the same law
+        without them (half as long).
+
+    Returns
+    -------
+    DriveBearings
+    """
+    azimuth, elevation, distance = drive.array_azimuth_rad, drive.elevation_rad, drive.distance_m
+    snr_db = link.snr_db(distance)
+    if generated_iq:
+        blocks = link.blocks(azimuth, elevation, snr_db=snr_db, n_samples=n_samples, seed=seed)
+        samples = np.ascontiguousarray(blocks.transpose(1, 0, 2)).reshape(blocks.shape[1], -1)
+        found = finder.track(samples, n_samples)
+    else:
+        found = finder.run(link.covariances(snr_db, azimuth, elevation, n_samples, seed), n_samples)
+    return DriveBearings(
+        azimuth_rad=drive.local_azimuth(found.azimuth_rad[:, 0]),
+        elevation_rad=found.elevation_rad[:, 0],
+        eigenvalues=found.eigenvalues,
     )
