@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ _Array = npt.NDArray[np.float64]
 _WEEK_S = 604_800
 _GPS_ORIGIN = np.datetime64("1980-01-06T00:00:00", "ns")
 _LABEL = slice(60, 80)
+_NAME = re.compile(r"[A-Z][ 0-9][0-9]")
 
 
 @dataclass
@@ -60,6 +63,13 @@ def _open(path: str | Path, kind: str) -> tuple[_File, list[str]]:
     return _File(path, "".join(lines[: end + 1])), lines[end + 1 :]
 
 
+def _epoch_seconds(line: str) -> float:
+    """GPS time of an epoch's line, as georinex will read it; ValueError when it is no time."""
+    fields = (line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], line[19:21])
+    whole = datetime(*(int(part) for part in fields), tzinfo=timezone.utc)  # type: ignore[arg-type,misc]
+    return (whole - datetime(1980, 1, 6, tzinfo=timezone.utc)).total_seconds() + float(line[19:29]) % 1.0
+
+
 def _observation_epochs(path: str | Path, interval_s: float | None) -> _File:
     """The file with whole epochs of measurements only, every `interval_s` when given."""
     file, lines = _open(path, "observations")
@@ -74,9 +84,10 @@ def _observation_epochs(path: str | Path, interval_s: float | None) -> _File:
             i += 1
             continue
         try:
-            hours, minutes, seconds = float(line[13:15]), float(line[16:18]), float(line[19:29])
-            day = (np.datetime64(f"{line[2:6]}-{line[7:9]}-{line[10:12]}") - np.datetime64("1980-01-06")).astype(int)
-            flag, count = int(line[31]), int(line[32:35])
+            t = _epoch_seconds(line)
+            flag, count = int(line[31]), int(line[33:35])
+            if not line[32:35].strip().isdecimal() or int(line[32:35]) != count:
+                raise ValueError
         except (ValueError, IndexError):
             file.problems.append(f"{where}: the epoch line cannot be read; epoch left out")
             i += 1
@@ -94,7 +105,10 @@ def _observation_epochs(path: str | Path, interval_s: float | None) -> _File:
             continue
         if flag == 1:
             file.problems.append(f"{where}: power failure since the epoch before")
-        t = float(day) * 86_400.0 + hours * 3600.0 + minutes * 60.0 + seconds
+        names = [r[:3] for r in record[1:]]
+        if len(set(names)) != len(names) or not all(_NAME.match(name) for name in names):
+            file.problems.append(f"{where}: satellites that are none or come twice; epoch left out")
+            continue
         if interval_s is not None:
             if due is not None and t < due - 1e-3:
                 continue
@@ -103,10 +117,14 @@ def _observation_epochs(path: str | Path, interval_s: float | None) -> _File:
     return file
 
 
-def _quiet(function: Any, *args: Any, **options: Any) -> Any:
+def _parsed(file: _File, function: Any, **options: Any) -> Any:
+    """What georinex makes of a file; whatever it stumbles over becomes a ValueError that names the file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return function(*args, **options)
+        try:
+            return function(file.text(), **options)
+        except Exception as error:
+            raise ValueError(f"{file.path}: georinex cannot read it ({type(error).__name__}: {error})") from error
 
 
 def _week_and_second(times: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], _Array]:
@@ -146,7 +164,7 @@ def read_observations(
         kinds = [f"{letter}{code}" for letter in "CLDS"]
         if not file.records:
             continue
-        data = _quiet(georinex.rinexobs, file.text(), use={system}, meas=kinds, useindicators=True)
+        data = _parsed(file, georinex.rinexobs, use={system}, meas=kinds, useindicators=True)
         if "position" in data.attrs:
             position = np.array(data.attrs["position"], dtype=np.float64)
         names = [str(name) for name in data.sv.values] if "sv" in data.coords else []
@@ -235,7 +253,7 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
     if not file.records:
         file.problems.append(f"{file.path}: no message of GPS")
         return [], _klobuchar(file.header), tuple(file.problems)
-    data = _quiet(georinex.rinexnav, file.text(), use={"G"})
+    data = _parsed(file, georinex.rinexnav, use={"G"})
     columns = {ours: np.asarray(data[theirs].values, dtype=np.float64) for theirs, ours in _FIELDS.items()}
     fit_h = np.asarray(data["FitIntvl"].values, dtype=np.float64)
     weeks, seconds = _week_and_second(data.time.values)

@@ -1,12 +1,17 @@
 """GNSS from Python: RINEX files whole and broken, cycle slips, single-point positions, simulated observables."""
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import soopnav_cpp as sn
 from soopnav_cpp import gnss
+from soopnav_cpp._extras import MissingExtraError
 from soopnav_cpp.simulation import simulate_gnss
 
 CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
@@ -16,7 +21,7 @@ WEEK, TOE_S = 2200, 302_400.0
 HERE = sn.geometry.geodetic_to_ecef(0.6, 2.4, 100.0)
 
 offair = pytest.mark.skipif(not STATIC.exists(), reason="the recordings ../shared/captures/gnss_* are not here")
-rinex = pytest.importorskip("georinex", reason="georinex is not installed: the extra gnss brings it")
+rinex = pytest.mark.skipif(find_spec("georinex") is None, reason="georinex is not installed: the extra gnss brings it")
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +68,7 @@ EPOCHS = (
 )
 
 
+@rinex
 def test_measurements_land_where_they_belong(tmp_path):
     """The first observable is a channel number: the code is the second."""
     got = gnss.read_observations(observation_file(tmp_path / "a.obs", EPOCHS))
@@ -86,6 +92,7 @@ def test_measurements_land_where_they_belong(tmp_path):
     assert "2 epochs of 2 satellites" in repr(got)
 
 
+@rinex
 @pytest.mark.parametrize("cut", range(0, len(EPOCHS), 23))
 def test_a_file_cut_anywhere_is_read_as_far_as_it_goes(tmp_path, cut):
     got = gnss.read_observations(observation_file(tmp_path / "a.obs", EPOCHS[:cut]))
@@ -97,6 +104,7 @@ def test_a_file_cut_anywhere_is_read_as_far_as_it_goes(tmp_path, cut):
     assert np.isfinite(got.code_m).sum() == 2 * whole
 
 
+@rinex
 def test_damage_within_is_left_out_and_said(tmp_path):
     lines = EPOCHS.splitlines(keepends=True)
     lost = "".join(lines[:2] + lines[3:])  # a satellite's line is missing
@@ -110,6 +118,7 @@ def test_damage_within_is_left_out_and_said(tmp_path):
     assert "an epoch ('>') expected" in got.problems[1]
 
 
+@rinex
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -126,6 +135,7 @@ def test_what_is_no_observation_file(tmp_path, text, says):
         gnss.read_observations(tmp_path / "a.obs")
 
 
+@rinex
 def test_observation_refusals(tmp_path):
     path = observation_file(tmp_path / "a.obs", EPOCHS)
     with pytest.raises(ValueError, match="systems = 'X'"):
@@ -136,6 +146,24 @@ def test_observation_refusals(tmp_path):
         gnss.read_observations(path, interval_s=0.0)
     with pytest.raises(ValueError, match="no code measurement C5Q"):
         gnss.read_observations(path, codes={"G": "5Q"})
+
+
+def test_without_georinex_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "georinex", None)
+    with pytest.raises(MissingExtraError, match=r"reading RINEX needs georinex: pip install soopnav\[gnss\]"):
+        gnss.read_observations(observation_file(tmp_path / "a.obs", EPOCHS))
+
+
+@rinex
+def test_times_and_names_that_are_none(tmp_path):
+    bad = EPOCHS.replace("19 12 00  0.0", "19 25 00  0.0")
+    got = gnss.read_observations(observation_file(tmp_path / "a.obs", bad))
+    assert len(got) == 1
+    assert "a.obs:7: the epoch line cannot be read" in got.problems[0]
+    twice = EPOCHS.replace("G 7", "G05")
+    got = gnss.read_observations(observation_file(tmp_path / "b.obs", twice))
+    assert len(got) == 1
+    assert "come twice" in got.problems[0]
 
 
 def navigation_file(path, text):
@@ -163,6 +191,7 @@ NUMBERS = [
 ]  # fmt: skip
 
 
+@rinex
 def test_a_message_is_read_field_by_field(tmp_path):
     nav = gnss.read_navigation(navigation_file(tmp_path / "a.nav", message(NUMBERS)))
     assert nav.prns == (12,)
@@ -184,6 +213,7 @@ def test_a_message_is_read_field_by_field(tmp_path):
     np.testing.assert_array_equal(again.records, nav.records)
 
 
+@rinex
 @pytest.mark.parametrize("cut", [0, 40, 100, 300, 500, 560])
 def test_a_message_cut_short_is_left_out_and_said(tmp_path, cut):
     text = message(NUMBERS)
@@ -192,6 +222,31 @@ def test_a_message_cut_short_is_left_out_and_said(tmp_path, cut):
     assert len(nav.problems) == (1 if cut else 0)
     if cut:
         assert "message of G13 cut short" in nav.problems[0]
+
+
+@rinex
+@pytest.mark.fuzz
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_files_are_read_or_refused(tmp_path, data):
+    """Bytes changed anywhere: arrays of the right shape, or a ValueError that names the file."""
+    whole = HEADER + EPOCHS if data.draw(st.booleans()) else None
+    text = bytearray((whole or navigation_file(tmp_path / "n.nav", message(NUMBERS) * 2).read_text()).encode())
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(text) - 1))
+        text[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
+    path = tmp_path / "damaged"
+    path.write_bytes(bytes(text))
+    try:
+        if whole:
+            got = gnss.read_observations(path)
+            assert got.code_m.shape == (len(got), len(got.satellites))
+            gnss.single_point(got, gnss.Ephemerides([]))
+        else:
+            nav = gnss.read_navigation(path)
+            gnss.satellite_state(nav, nav.prns, 475200.0)
+    except ValueError as error:
+        assert "damaged" in str(error) or "systems" in str(error) or "ephemeris" in str(error)
 
 
 def test_ephemerides_refuse_nonsense():
@@ -348,6 +403,7 @@ def test_point_statuses(sky):
         fixes.errors_enu_m([1.0, 2.0])
 
 
+@rinex
 @offair
 @pytest.mark.offair
 @pytest.mark.crosscheck
@@ -364,6 +420,7 @@ def test_static_antenna_is_where_its_header_says(static):
         assert np.sqrt((worse**2).sum(axis=1).mean()) > 2.0
 
 
+@rinex
 @offair
 @pytest.mark.offair
 @pytest.mark.slow
@@ -375,6 +432,7 @@ def test_every_epoch_of_the_static_antenna():
     assert np.sqrt((errors**2).sum(axis=1).mean()) <= 1.5
 
 
+@rinex
 @offair
 @pytest.mark.offair
 def test_dopplers_of_an_antenna_at_rest():
@@ -387,6 +445,7 @@ def test_dopplers_of_an_antenna_at_rest():
     assert abs(slope - fixes.clock_drift_mps.mean()) < 0.05
 
 
+@rinex
 @offair
 @pytest.mark.offair
 def test_slips_are_found_in_a_recording():
