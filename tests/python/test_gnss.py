@@ -1,5 +1,7 @@
 """GNSS from Python: RINEX files whole and broken, cycle slips, single-point positions, simulated observables."""
 
+import dataclasses
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +16,8 @@ from soopnav_cpp import gnss
 from soopnav_cpp._extras import MissingExtraError
 from soopnav_cpp.simulation import simulate_gnss
 
-CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
+ROOT = Path(__file__).resolve().parents[2]
+CAPTURES = ROOT.parent / "shared" / "captures"
 STATIC = CAPTURES / "gnss_static"
 BASELINE = CAPTURES / "gnss_baseline_1m"
 WEEK, TOE_S = 2200, 302_400.0
@@ -36,6 +39,11 @@ def static():
         gnss.read_observations(STATIC / "SEPT078M.21O", interval_s=10.0),
         gnss.read_navigation(STATIC / "SEPT078M.21P"),
     )
+
+
+def changed_in(observed, **arrays):
+    """The same observations with other arrays."""
+    return dataclasses.replace(observed, **arrays)
 
 
 # Files made here: two epochs of three satellites, one message.
@@ -385,9 +393,7 @@ def test_simulation_refusals(sky):
 
 def test_point_statuses(sky):
     observed = simulate_gnss(sky, HERE, TOE_S + np.arange(2.0), WEEK, seed=1).antennas[0]
-    some = sn.gnss.Observations(
-        **{**vars(observed), "code_m": np.where(np.arange(len(observed.satellites)) < 3, observed.code_m, np.nan)}
-    )
+    some = changed_in(observed, code_m=np.where(np.arange(len(observed.satellites)) < 3, observed.code_m, np.nan))
     fixes = gnss.single_point(some, sky)
     assert (fixes.status == gnss.PointStatus.TOO_FEW_SATELLITES).all()
     assert np.isnan(fixes.position_m).all()
@@ -401,6 +407,41 @@ def test_point_statuses(sky):
         gnss.single_point(observed, sky, sigmas_m=np.ones(2))
     with pytest.raises(ValueError, match="reference_position_m"):
         fixes.errors_enu_m([1.0, 2.0])
+
+
+@pytest.mark.fuzz
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_numbers_give_a_status(sky, data):
+    """Whatever is measured: a position is finite where it is said to be one, and NaN where not."""
+    clean = simulate_gnss(sky, HERE, [TOE_S], WEEK, seed=1, noise=False).antennas[0]
+    number = st.one_of(st.floats(width=64), st.floats(1e7, 4e7), st.just(np.nan))
+    code, doppler = clean.code_m.copy(), clean.doppler_hz.copy()
+    for column in data.draw(st.lists(st.integers(0, len(clean.satellites) - 1), max_size=30)):
+        code[0, column] = data.draw(number)
+        doppler[0, column] = data.draw(number)
+    sigma = data.draw(st.one_of(st.none(), st.floats(width=64)))
+    week = data.draw(st.one_of(st.just(WEEK), st.integers(-(2**40), 2**40)))
+    changed = {"code_m": code, "doppler_hz": doppler, "week": np.array([week])}
+    fixes = gnss.single_point(changed_in(clean, **changed), sky, sigmas_m=sigma)
+    has = fixes.status[0] in (gnss.PointStatus.CONVERGED, gnss.PointStatus.INCONSISTENT)
+    for values in (fixes.position_m, fixes.covariance_m2, fixes.clock_bias_m, fixes.chi_square, fixes.pdop):
+        assert np.isfinite(values).all() == has
+    assert np.isfinite(fixes.velocity_mps).all() or np.isnan(fixes.velocity_mps).all()
+    assert fixes.message()
+
+
+@pytest.mark.example
+def test_the_page_runs_and_its_links_lead_somewhere():
+    page = (ROOT / "docs" / "gnss.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 2
+    made_up = {}
+    exec(compile(blocks[1], "docs/gnss.md", "exec"), made_up)
+    assert made_up["fixes"].converged.all()
+    links = re.findall(r"\]\(([^)#:]+)\)", page)
+    assert links
+    assert not [link for link in links if not (ROOT / "docs" / link).exists()]
 
 
 @rinex
@@ -458,7 +499,7 @@ def test_slips_are_found_in_a_recording():
     epochs = 20 + 12 * np.arange(len(columns))
     for column, epoch in zip(columns, epochs, strict=True):
         phase[epoch:, column] += 1.0
-    slipped = gnss.cycle_slips(gnss.Observations(**{**vars(observed), "phase_cycles": phase}))
+    slipped = gnss.cycle_slips(changed_in(observed, phase_cycles=phase))
     for column, epoch in zip(columns, epochs, strict=True):
         assert np.flatnonzero(slipped[:, column]).tolist() == [epoch]
 
@@ -477,8 +518,7 @@ def test_slips_by_every_sign(sky):
     phase[40:] += 1e4  # the receiver's clock jumps: all alike, with the code
     code = observed.code_m.copy()
     code[40:] += 1e4 * gnss.L1_M
-    changed = {"phase_cycles": phase, "code_m": code, "lli": lli}
-    slips = gnss.cycle_slips(gnss.Observations(**{**vars(observed), **changed}))
+    slips = gnss.cycle_slips(changed_in(observed, phase_cycles=phase, code_m=code, lli=lli))
     assert np.flatnonzero(slips[:, columns[0]]).tolist() == [10]
     assert np.flatnonzero(slips[:, columns[1]]).tolist() == [20]
     assert np.flatnonzero(slips[:, columns[2]]).tolist() == [38]
