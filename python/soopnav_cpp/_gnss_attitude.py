@@ -340,8 +340,8 @@ class AttitudeFilter:
         self._rate_noise = rate_noise_rad_rts
         self._false_alarm = false_alarm_probability
         self._t_s: float | None = None
-        self._q = np.array(start, dtype=np.float64)
-        self._P = np.array(covariance_rad2, dtype=np.float64)
+        self._q: _Array = np.array(start, dtype=np.float64)
+        self._P: _Array = np.array(covariance_rad2, dtype=np.float64)
         self._engine(np.empty(0), np.empty((0, self._count, 0)), np.empty((0, 3)), None, 0.0)  # checks
 
     def _engine(
@@ -364,12 +364,12 @@ class AttitudeFilter:
     @property
     def quaternion(self) -> _Array:
         """The present attitude, shape (4,)."""
-        return self._q.copy()
+        return np.array(self._q)
 
     @property
     def covariance_rad2(self) -> _Array:
         """Its covariance, shape (3, 3)."""
-        return self._P.copy()
+        return np.array(self._P)
 
     def run(
         self,

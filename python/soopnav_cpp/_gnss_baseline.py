@@ -335,7 +335,7 @@ def receiver_differences(
         directions_enu=directions,
         code_m=code,
         phase_cycles=phase,
-        lost_lock=(both("lli").astype(np.int64) & 1).any(axis=0),
+        lost_lock=np.asarray(np.any(both("lli").astype(np.int64) & 1, axis=0)),
     )
 
 
