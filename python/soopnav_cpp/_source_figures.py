@@ -472,6 +472,7 @@ def source_errors(
         axes.set_yscale("log")
         axes.set_ylim(0.7 * max(lowest, 1e-3), 1.5 * highest)
         axes.yaxis.set_major_formatter("{x:g}")
+        axes.tick_params(axis="y", which="minor", labelleft=False)
     _style(axes, "", "time [s]", "1σ stated [m]" if stated else "distance from the truth [m]")
     axes.margins(x=0.01)
     _legend(axes, "upper right", 2)

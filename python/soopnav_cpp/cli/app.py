@@ -11,6 +11,7 @@ import click
 
 from soopnav_cpp import __version__, io
 from soopnav_cpp.cli import calibrate as _calibrate
+from soopnav_cpp.cli import finding
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -57,6 +58,8 @@ def cli() -> None:
       soopnav locate city.sigmf-meta --nodes nodes.toml
       soopnav synth lte city.toml city.sigmf-meta
       soopnav observe room.toml --out room.png
+      soopnav df drive.sigmf-meta --array roof.toml --poses drive.csv
+      soopnav locate-emitter bearings.csv
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
@@ -247,6 +250,10 @@ def observe(scenario: Path, as_json: bool, out: Path | None) -> None:
         return
     work.print_result(result, _stdout())
     click.echo(f"map: {picture}")
+
+
+cli.add_command(finding.df)
+cli.add_command(finding.locate_emitter)
 
 
 @cli.command(short_help="Run a scenario: trajectory, metrics, figures, report.")

@@ -1,0 +1,260 @@
+"""``soopnav locate-emitter``: positions from bearings in files, what it writes, and how it refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from soopnav_cpp.scenarios.bearings import read_bearings
+
+pytest.importorskip("matplotlib")
+
+from soopnav_cpp.cli import locate_emitter
+from soopnav_cpp.cli.app import cli
+
+EMITTER = np.array([40.0, 120.0])
+
+
+def run(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(cli, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without figures, which take most of the time."""
+    monkeypatch.setattr(locate_emitter, "figures", lambda _result, _folder: [])
+
+
+def csv_of(path: Path, lines: list[str]) -> Path:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def drive(n: int = 24, *, seed: int = 1, sigma_deg: float = 1.0, emitter: np.ndarray = EMITTER) -> list[str]:
+    """Bearings from a bent path, one second apart."""
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([np.linspace(-300.0, 300.0, n), 50.0 * np.sin(np.linspace(0.0, 3.0, n)) - 100.0])
+    compass = np.degrees(np.arctan2(emitter[0] - places[:, 0], emitter[1] - places[:, 1]))
+    compass += sigma_deg * rng.standard_normal(n)
+    return [
+        f"{k},{x:.3f},{y:.3f},{b % 360.0:.4f},{sigma_deg}"
+        for k, ((x, y), b) in enumerate(zip(places, compass, strict=True))
+    ]
+
+
+HEAD = "time_s,x_m,y_m,bearing_deg,sigma_deg"
+
+
+def fixes(folder: Path, emitter: int = 0) -> dict[str, dict]:
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    return metrics["emitters"][emitter]["methods"]
+
+
+def nees(fix: dict, right: np.ndarray) -> float:
+    off = np.array(fix["position_m"][:2]) - right
+    return float(off @ np.linalg.solve(np.array(fix["covariance_m2"])[:2, :2], off))
+
+
+def test_a_position_in_local_metres(tmp_path: Path) -> None:
+    path = csv_of(tmp_path / "b.csv", [HEAD, *drive()])
+    out = tmp_path / "out"
+    shown = run("locate-emitter", path, "--method", "all", "--out", out).stdout
+    fix = fixes(out)["ml"]
+    assert fix["status"] == "converged"
+    assert nees(fix, EMITTER) < 27.6  # chi-square of two, 1e-6
+    assert 0.5 < fix["cep_m"] < 10.0
+    assert "emitter: east" in shown
+    assert "95 % within" in shown
+    names = {p.name for p in out.iterdir()}
+    assert names >= {
+        "map.png",
+        "likelihood.png",
+        "errors.png",
+        "emitter.geojson",
+        "metrics.json",
+        "bearings.csv",
+        "report.html",
+    }
+    assert "emitter.kml" not in names  # nowhere on the Earth
+    assert "metres" in json.loads((out / "emitter.geojson").read_text(encoding="utf-8"))["coordinate_frame"]
+    again = read_bearings(out / "bearings.csv")
+    np.testing.assert_allclose(again.bearing_rad, read_bearings(path).bearing_rad, atol=1e-7)
+
+
+@pytest.mark.usefixtures("plain")
+def test_every_method_in_a_table(tmp_path: Path) -> None:
+    """All methods from one file, with the truth beside them: the good ones agree, all are listed."""
+    lines = [f"{line},{EMITTER[0]},{EMITTER[1]}" for line in drive(40)]
+    path = csv_of(tmp_path / "b.csv", [f"{HEAD},truth_x_m,truth_y_m", *lines])
+    out = tmp_path / "out"
+    shown = run("locate-emitter", path, "--method", "all", "--seed", 3, "--out", out).stdout
+    found = fixes(out)
+    assert set(found) == {
+        "ml", "stansfield", "least_squares", "ekf_bank", "particle", "ekf", "centroid", "incenter", "linear",
+    }  # fmt: skip
+    for method in ("ml", "stansfield", "least_squares", "particle", "ekf_bank"):
+        assert found[method]["status"] == "converged", method
+        assert found[method]["error_m"] < 12.0, method
+        assert method in shown
+    assert "error" in shown.splitlines()[0]
+
+
+@pytest.mark.usefixtures("plain")
+def test_on_the_earth(tmp_path: Path) -> None:
+    """KML and GeoJSON with longitude first; the same place by --origin and by latitudes in the file."""
+    path = csv_of(tmp_path / "b.csv", [HEAD, *drive()])
+    out = tmp_path / "out"
+    shown = run("locate-emitter", path, "--origin", "32.6,-85.5,200", "--out", out).stdout
+    fix = fixes(out)["ml"]
+    metres = 111_200.0
+    assert fix["latitude_deg"] == pytest.approx(32.6 + fix["position_m"][1] / metres, abs=1e-5)
+    assert fix["longitude_deg"] == pytest.approx(
+        -85.5 + fix["position_m"][0] / (metres * math.cos(math.radians(32.6))), abs=1e-5
+    )
+    assert " N  85." in shown
+    assert "W" in shown
+    root = ElementTree.parse(out / "emitter.kml").getroot()
+    point = root.find(".//{http://www.opengis.net/kml/2.2}Point/{http://www.opengis.net/kml/2.2}coordinates")
+    assert point is not None
+    assert point.text is not None
+    longitude, latitude = (float(v) for v in point.text.split(","))
+    assert (latitude, longitude) == pytest.approx((fix["latitude_deg"], fix["longitude_deg"]), abs=1e-8)
+    features = json.loads((out / "emitter.geojson").read_text(encoding="utf-8"))["features"]
+    emitter = next(f for f in features if f["properties"]["kind"] == "emitter")
+    assert emitter["geometry"]["coordinates"][:2] == pytest.approx([longitude, latitude], abs=1e-8)
+    # bearings.csv is on the Earth now, and leads to the same place
+    again = tmp_path / "again"
+    run("locate-emitter", out / "bearings.csv", "--out", again)
+    same = fixes(again)["ml"]
+    assert same["latitude_deg"] == pytest.approx(fix["latitude_deg"], abs=2e-7)
+    assert same["longitude_deg"] == pytest.approx(fix["longitude_deg"], abs=2e-7)
+    result = run("locate-emitter", out / "bearings.csv", "--origin", "1,1", "--out", again, code=2)
+    assert "--origin is for bearings in local metres" in result.stderr
+
+
+@pytest.mark.usefixtures("plain")
+def test_three_dimensions(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    n = 40
+    emitter = np.array([40.0, 120.0, 60.0])
+    places = np.column_stack(
+        [np.linspace(-200.0, 200.0, n), -100.0 + 80.0 * np.sin(np.linspace(0.0, 3.0, n)), np.zeros(n)]
+    )
+    to = emitter - places
+    compass = np.degrees(np.arctan2(to[:, 0], to[:, 1])) + rng.standard_normal(n)
+    up = np.degrees(np.arctan2(to[:, 2], np.hypot(to[:, 0], to[:, 1]))) + rng.standard_normal(n)
+    lines = [f"{k},{places[k, 0]},{places[k, 1]},0,{compass[k] % 360},{up[k]},1" for k in range(n)]
+    path = csv_of(tmp_path / "b.csv", ["time_s,x_m,y_m,z_m,bearing_deg,elevation_deg,sigma_deg", *lines])
+    run("locate-emitter", path, "--dimensions", 3, "--out", tmp_path / "out")
+    fix = fixes(tmp_path / "out")["ml"]
+    off = np.array(fix["position_m"]) - emitter
+    assert len(off) == 3
+    assert off @ np.linalg.solve(np.array(fix["covariance_m2"]), off) < 30.7  # chi-square of three, 1e-6
+    flat = csv_of(tmp_path / "flat.csv", [HEAD, *drive()])
+    result = run("locate-emitter", flat, "--dimensions", 3, "--out", tmp_path / "out", code=2)
+    assert "no elevations; --dimensions 3 needs a column" in result.stderr
+
+
+def test_several_emitters_by_name(tmp_path: Path) -> None:
+    other = np.array([-120.0, -400.0])
+    lines = [f"A,{line}" for line in drive(8, seed=1)] + [f"B,{line}" for line in drive(8, seed=2, emitter=other)]
+    path = csv_of(tmp_path / "b.csv", [f"emitter,{HEAD}", *lines])
+    out = tmp_path / "out"
+    shown = run("locate-emitter", path, "--out", out).stdout
+    assert "A: east" in shown
+    assert "B: east" in shown
+    assert nees(fixes(out, 0)["ml"], EMITTER) < 27.6
+    assert nees(fixes(out, 1)["ml"], other) < 27.6
+    assert {"likelihood_a.png", "likelihood_b.png", "map.png"} <= {p.name for p in out.iterdir()}
+
+
+@pytest.mark.usefixtures("plain")
+def test_several_emitters_without_names(tmp_path: Path) -> None:
+    """Two bearings at each time and nothing that says whose they are."""
+    other = np.array([-120.0, -500.0])
+    both = [drive(60, seed=1), drive(60, seed=2, emitter=other)]
+    lines = [line for pair in zip(*both, strict=True) for line in pair]
+    path = csv_of(tmp_path / "b.csv", [HEAD, *lines])
+    out = tmp_path / "out"
+    run("locate-emitter", path, "--out", out)
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+    places = [np.array(e["methods"]["ml"]["position_m"][:2]) for e in metrics["emitters"]]
+    assert len(places) == 2
+    for right in (EMITTER, other):
+        assert min(np.linalg.norm(place - right) for place in places) < 25.0
+
+
+def test_all_from_one_place(tmp_path: Path) -> None:
+    """A line, said and drawn, and exit code 2; every file is there all the same."""
+    path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", *(f"0,0,{b},1" for b in (44, 46, 45, 45.5))])
+    out = tmp_path / "out"
+    shown = run("locate-emitter", path, "--out", out, code=2).stdout
+    assert "no position: 4 bearings give a line alone, at 45." in shown
+    assert "bearings from elsewhere are needed" in shown
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+    emitter = metrics["emitters"][0]
+    assert not emitter["found"]
+    assert emitter["line"]["bearing_deg"] == pytest.approx(45.1, abs=1.0)
+    assert emitter["methods"]["ml"]["position_m"] is None
+    features = json.loads((out / "emitter.geojson").read_text(encoding="utf-8"))["features"]
+    line = next(f for f in features if f["properties"]["kind"] == "line")
+    (x0, y0, _), (x1, y1, _) = line["geometry"]["coordinates"]
+    assert math.degrees(math.atan2(x1 - x0, y1 - y0)) == pytest.approx(45.1, abs=1.0)
+    assert (out / "map.png").exists()
+
+
+@pytest.mark.usefixtures("plain")
+def test_parallel_bearings(tmp_path: Path) -> None:
+    path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", *(f"0,{10 * k},0,1" for k in range(5))])
+    shown = run("locate-emitter", path, "--out", tmp_path / "out", code=2).stdout
+    assert "no position" in shown
+
+
+@pytest.mark.usefixtures("plain")
+def test_one_bearing(tmp_path: Path) -> None:
+    path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", "0,0,10,1"])
+    shown = run("locate-emitter", path, "--out", tmp_path / "out", code=2).stdout
+    assert "no position" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--method", "guess"], "--method guess: one of ml, stansfield"),
+        (["--method", "centroid", "--moving"], "--method centroid finds emitters that stand still; with --moving: ml"),
+        (["--origin", "91,0"], "--origin 91,0: a latitude and a longitude in degrees expected"),
+        (["--origin", "here"], "LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,HEIGHT expected"),
+    ],
+)
+@pytest.mark.usefixtures("plain")
+def test_options_that_do_not_fit(tmp_path: Path, arguments: list[str], sentence: str) -> None:
+    path = csv_of(tmp_path / "b.csv", [HEAD, *drive(5)])
+    result = run("locate-emitter", path, *arguments, "--out", tmp_path / "out", code=2)
+    assert sentence in result.stderr
+
+
+@pytest.mark.usefixtures("plain")
+def test_files_that_do_not_fit(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = run("locate-emitter", tmp_path / "none.csv", "--out", out, code=2)
+    assert "no such file" in result.stderr
+    for lines, sentence in (
+        ([HEAD], "no rows below the names of the columns"),
+        ([HEAD.replace("bearing_deg", "direction_deg"), *drive(3)], "direction_deg: unknown column"),
+        ([HEAD, "0,0,0,nan,1"], "b.csv:2: bearing_deg: nan: a finite number expected"),
+        ([HEAD.removesuffix(",sigma_deg"), "0,0,0,1"], "no standard deviation: sigma_deg expected (or --sigma"),
+    ):
+        result = run("locate-emitter", csv_of(tmp_path / "b.csv", lines), "--out", out, code=2)
+        assert sentence in result.stderr
+    assert not out.exists()
+    toml = csv_of(tmp_path / "x.toml", ['system = "ofdm_inertial"'])
+    result = run("locate-emitter", toml, "--out", out, code=2)
+    assert "x.toml" in result.stderr
