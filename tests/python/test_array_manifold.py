@@ -272,7 +272,7 @@ def test_bad_channels() -> None:
         sn.array.capon(R, np.ones((4, 1)))
     assert np.isfinite(sn.array.capon(R, np.ones((4, 1)), loading=0.01)).all()
     assert (
-        DirectionFinder(ArrayGeometry.uca(4, 0.3), method="capon").estimate_covariance(R, 3).status
+        DirectionFinder(ArrayGeometry.uca(4, 0.3), method="capon").estimate_covariance(R, 4).status
         == ArrayStatus.SINGULAR
     )
     with pytest.raises(ValueError, match="no snapshot"):

@@ -109,21 +109,28 @@ void DirectionFinder::Work::find_peaks(const SteeringTable& table, std::size_t b
     return columns > 1 && std::abs(table.elevations_rad()[row]) > kPi / 2 - 1e-9;
   };
   for (std::size_t row = 0; row < rows; ++row) {
-    const std::size_t last = pole(row) ? 1 : columns;
+    const bool at_pole = pole(row);
+    const std::size_t last = at_pole ? 1 : columns;
     for (std::size_t column = 0; column < last; ++column) {
       const std::size_t at = row * columns + column;
       const float here = power[at];
       if (!(here > 0.0F)) continue;
+      if (!at_pole) {  // most points fall here
+        if (column + 1 < columns && power[at + 1] > here) continue;
+        if (column > 0 && power[at - 1] >= here) continue;
+        if (row + 1 < rows && power[at + columns] > here) continue;
+        if (row > 0 && power[at - columns] >= here) continue;
+      }
       if (n_candidates == room && !(here > candidates[room - 1].power)) continue;
       bool peak = true;
       for (std::size_t r = row == 0 ? 0 : row - 1; peak && r <= std::min(rows - 1, row + 1); ++r) {
-        if (pole(row) && r != row) {
+        if (at_pole && r != row) {
           const float* const ring = power.data() + r * columns;
           peak = std::all_of(ring, ring + columns, [here](float p) { return p <= here; });
           continue;
         }
         for (int step = -1; peak && step <= 1; ++step) {
-          if ((r == row && step == 0) || (pole(row) && r == row)) continue;
+          if ((r == row && step == 0) || (at_pole && r == row)) continue;
           std::size_t c = column + columns + static_cast<std::size_t>(step + 1) - 1;
           if (!table.periodic() && (c < columns || c >= 2 * columns)) continue;
           c %= columns;
