@@ -42,16 +42,21 @@ def calibration(
     -------
     matplotlib.figure.Figure
     """
-    corrected = found.apply(iq)
     figure = _figure(10.4, 8.2)
     figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=_INK)
+    draw_calibration(figure, iq, found)
+    return _save(figure, path)
+
+
+def draw_calibration(figure: Figure, iq: _Samples, found: Any) -> None:
+    """The four panels of `calibration`."""
+    corrected = found.apply(iq)
     grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
     reach = 1.08 * max(float(np.abs(part.view(np.float32)).max()) for part in (iq, corrected))
     for column, (samples, word) in enumerate(((iq, "before"), (corrected, "after"))):
         _draw_circles(figure.add_subplot(grid[0, column]), samples, f"I and Q {word}", reach)
         _draw_carriers(figure.add_subplot(grid[1, column]), samples, found, f"Real part {word}", reach)
     figure.axes[0].legend(fontsize=8, frameon=False, loc="upper right", markerscale=4.0, handletextpad=0.1)
-    return _save(figure, path)
 
 
 def _draw_circles(axes: Axes, samples: _Samples, title: str, reach: float) -> None:

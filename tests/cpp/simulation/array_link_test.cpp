@@ -5,11 +5,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <vector>
 
 #include "soopnav/core/constants.hpp"
 #include "soopnav/simulation/channel.hpp"
+#include "soopnav/simulation/eigenvalue_map.hpp"
 #include "soopnav/simulation/front_end.hpp"
 #include "support/allocation_count.hpp"
 
@@ -160,6 +162,28 @@ TEST(GammaVariate, MeanAndVarianceAreTheShape) {
     EXPECT_NEAR(sum / kDraws, 0.0, 5.0 * std::sqrt(shape / kDraws));
     EXPECT_NEAR(square / kDraws / shape, 1.0, 0.08);
   }
+}
+
+// 1 + M SNR for a strong signal (carter 4.11), a uniform azimuth without one.
+TEST(EigenvalueMap, EndsOfTheCurve) {
+  array::GridOptions grid;
+  grid.azimuth_step_rad = grid.elevation_step_rad = 0.07;
+  const auto table =
+      std::make_shared<const array::SteeringTable>(array::Manifold(array::ArrayGeometry::planar(2, 2, 0.2)), grid);
+  EigenvalueMapOptions options;
+  options.snapshots = 1000;
+  options.trials = 200;
+  const std::array snr_db{-30.0, 10.0};
+  const auto map = eigenvalue_map(table, snr_db, options, RandomStream(3));
+  EXPECT_NEAR(map.ratio[1], 41.0, 1.0);
+  EXPECT_NEAR(map.azimuth_rms_rad[0], kPi / std::sqrt(3.0), 0.4);
+  EXPECT_LT(map.azimuth_rms_rad[1], 0.02);
+  EXPECT_LT(map.angle_rms_rad[1], map.angle_rms_rad[0]);
+  const auto second = eigenvalue_map(table, std::span(snr_db).first(1), options, RandomStream(3));
+  EXPECT_EQ(second.ratio[0], map.ratio[0]);  // an SNR does not depend on the others
+  EXPECT_THROW(static_cast<void>(eigenvalue_map(table, {}, options, RandomStream(3))), std::invalid_argument);
+  options.trials = 9;
+  EXPECT_THROW(static_cast<void>(eigenvalue_map(table, snr_db, options, RandomStream(3))), std::invalid_argument);
 }
 
 // ---- Front end
