@@ -1,5 +1,6 @@
 #include "soopnav/simulation/eigenvalue_map.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <complex>
@@ -52,7 +53,7 @@ EigenvalueMap eigenvalue_map(std::shared_ptr<const array::SteeringTable> table, 
       azimuth += off * off;
       elevation += (bearing.elevation_rad - truth.elevation_rad) * (bearing.elevation_rad - truth.elevation_rad);
       const Eigen::Vector3d v = array::unit_vector({bearing.azimuth_rad, bearing.elevation_rad});
-      const double between = std::atan2(u.cross(v).norm(), u.dot(v));
+      const double between = 2.0 * std::asin(std::min(1.0, 0.5 * (u - v).norm()));
       angle += between * between;
     }
     require(found >= options.trials / 2, "snr_db", snr_db[i], "the array finds no direction there");
