@@ -87,6 +87,11 @@ class Observations:
         The file's APPROX POSITION XYZ; NaN when it has none.
     problems : tuple of str
         What was left out of the file, with the line.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit.
     """
 
     week: npt.NDArray[np.int64]
@@ -99,6 +104,14 @@ class Observations:
     lli: npt.NDArray[np.uint8]
     approximate_position_ecef_m: _Array
     problems: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, s = len(self.time_of_week_s), len(self.satellites)
+        shapes: dict[str, tuple[int, ...]] = {"week": (n,), "time_of_week_s": (n,), "approximate_position_ecef_m": (3,)}
+        shapes.update(dict.fromkeys(("code_m", "phase_cycles", "doppler_hz", "cn0_dbhz", "lli"), (n, s)))
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name}: shape {shape} expected, got {np.shape(getattr(self, name))}")
 
     def __len__(self) -> int:
         return len(self.time_of_week_s)

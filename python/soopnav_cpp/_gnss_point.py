@@ -83,12 +83,12 @@ class PointFixes:
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
         """Which epochs have a position that its measurements agree with, shape (n,)."""
-        return self.status == PointStatus.CONVERGED
+        return np.asarray(self.status == PointStatus.CONVERGED)
 
     @property
     def used(self) -> npt.NDArray[np.bool_]:
         """Which satellites took part, shape (n, s)."""
-        return self.use == SatelliteUse.USED
+        return np.asarray(self.use == SatelliteUse.USED)
 
     def errors_enu_m(self, reference_position_m: npt.ArrayLike) -> _Array:
         """Position minus a reference, in the level frame there: east, north, up, shape (n, 3).

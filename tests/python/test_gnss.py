@@ -405,6 +405,8 @@ def test_point_statuses(sky):
         gnss.single_point(observed, sky, sigma_m=0.0)
     with pytest.raises(ValueError, match="sigmas_m: shape"):
         gnss.single_point(observed, sky, sigmas_m=np.ones(2))
+    with pytest.raises(ValueError, match=r"code_m: shape \(2, 30\) expected, got \(2,\)"):
+        changed_in(observed, code_m=np.ones(2))
     with pytest.raises(ValueError, match="reference_position_m"):
         fixes.errors_enu_m([1.0, 2.0])
 

@@ -198,6 +198,14 @@ TEST(Atmosphere, Ionosphere) {
   EXPECT_THROW(k.check(), std::invalid_argument);
 }
 
+// The worked example that goes round with the model: 40 N, 100 W, azimuth 210, elevation 20 degrees: 23.784 m.
+TEST(Atmosphere, IonosphereOfTheWorkedExample) {
+  const Klobuchar k{{3.82e-8, 1.49e-8, -1.79e-7, 0.0}, {1.43e5, 0.0, -3.28e5, 1.13e5}};
+  constexpr double kDegree = kPi / 180.0;
+  const geometry::Geodetic place{40.0 * kDegree, -100.0 * kDegree, 0.0};
+  EXPECT_NEAR(ionosphere_delay_m(k, place, 210.0 * kDegree, 20.0 * kDegree, 593'100.0), 23.784, 5e-4);
+}
+
 TEST(Atmosphere, Troposphere) {
   const geometry::Geodetic sea{0.7853981633974483, 0.0, 0.0};
   // 0.0022768 * 1013.25 at 45 degrees, dry; Black and Eisner's mapping is 1.0000 at the zenith.
