@@ -377,6 +377,31 @@ def test_multipath_is_first_order_gauss_markov(sky):
     np.testing.assert_allclose(phase, 0.02 * np.cos(bent.elevation_rad[0][:, columns]) * m, atol=1e-6)
 
 
+@pytest.mark.consistency
+def test_false_alarms_come_as_often_as_stated_and_faults_are_found(sky):
+    """Share of contradictions among good epochs, within 5 standard deviations; a fault of 15 σ is named."""
+    times = TOE_S + 10.0 * np.arange(-1500.0, 1500.0)
+    options = {"code_sigma_m": 2.0, "elevation_mask_rad": 0.2, "clock_bias_m": 500.0}
+    observed = simulate_gnss(sky, HERE, times, WEEK, seed=9, **options).antennas[0]
+    solve = {"sigma_m": 2.0, "weight_by_elevation": False, "troposphere": False, "false_alarm_probability": 0.05}
+    fixes = gnss.single_point(observed, sky, **solve)
+    alarm = (fixes.status == gnss.PointStatus.INCONSISTENT) | (fixes.use == gnss.SatelliteUse.REJECTED).any(axis=1)
+    assert (fixes.degrees_of_freedom > 0).all()
+    assert abs(alarm.mean() - 0.05) < 5.0 * np.sqrt(0.05 * 0.95 / len(times))
+    solve["false_alarm_probability"] = 1e-4
+    code = observed.code_m.copy()
+    seen = np.isfinite(code)
+    at = np.array([np.flatnonzero(row)[k % row.sum()] for k, row in enumerate(seen)])
+    code[np.arange(len(times)), at] += 30.0
+    faulty = gnss.single_point(changed_in(observed, code_m=code), sky, **solve)
+    rejected = faulty.use == gnss.SatelliteUse.REJECTED
+    right = rejected[np.arange(len(times)), at]
+    enough = seen.sum(axis=1) >= 8
+    assert enough.sum() > 1000
+    assert right[enough].mean() > 0.9
+    assert faulty.converged[enough].mean() > 0.9
+
+
 def test_simulation_refusals(sky):
     times = TOE_S + np.arange(3.0)
     with pytest.raises(ValueError, match="positions_m: shape"):
