@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "soopnav/gnss/baseline.hpp"
 
@@ -7,9 +9,12 @@ namespace soopnav::gnss {
 
 namespace {
 
-constexpr double kMaxMeanSquare = 25.0;  // of residuals over their variance, while integers are believed
-constexpr double kMaxFraction = 0.2;     // of a cycle, for an integer that is rounded
-constexpr std::size_t kRedundant = 5;    // satellites from which a wrong integer shows
+constexpr double kMaxFraction = 0.2;   // of a cycle, for an integer that is rounded
+constexpr std::size_t kRedundant = 5;  // satellites from which a wrong integer shows
+constexpr double kDistinct = 9.0;      // how much worse than without the culprit it is without another
+
+// Of residuals over their variance, per degree of freedom, while integers are believed: chi-square's 1e-6 or less.
+double highest_mean_square(double dof) { return 5.0 + 20.0 / dof; }
 
 }  // namespace
 
@@ -43,8 +48,8 @@ void BaselineTracker::forget(int id) noexcept {
   }
 }
 
-// Of the phase residuals, over their variances; per degree of freedom.
-double BaselineTracker::mean_square(const Satellites& satellites, const BaselineFix& fix) const noexcept {
+// Of the phase residuals over their variances, per degree of freedom; in units of what is believed.
+double BaselineTracker::misfit(const Satellites& satellites, const BaselineFix& fix) const noexcept {
   double sum = 0.0;
   for (std::size_t i = 0; i < fix.residuals_m.size(); ++i) {
     for (const BaselineSatellite& satellite : satellites.all()) {
@@ -53,7 +58,8 @@ double BaselineTracker::mean_square(const Satellites& satellites, const Baseline
       break;
     }
   }
-  return sum / (static_cast<double>(fix.residuals_m.size()) - (solver_.options().length_m ? 3.0 : 4.0));
+  const double dof = static_cast<double>(fix.residuals_m.size()) - (solver_.options().length_m ? 3.0 : 4.0);
+  return sum / (dof * highest_mean_square(dof));
 }
 
 BaselineFix BaselineTracker::track(const Satellites& satellites) noexcept {
@@ -64,21 +70,26 @@ BaselineFix BaselineTracker::track(const Satellites& satellites) noexcept {
   return solver_.with_integers(satellites.all(), {integers.data(), integers.size()});
 }
 
-// Takes out the one satellite without which the others agree. False when none, or more than one, would do.
+// Takes out the one satellite without which the others agree, when no other one would do nearly as well.
 bool BaselineTracker::drop_slipped(Satellites& satellites, BaselineFix& fix) noexcept {
   if (satellites.count <= kRedundant) return false;
-  std::size_t culprit = satellites.count, suspects = 0;
+  std::size_t culprit = satellites.count;
+  double best = std::numeric_limits<double>::infinity(), second = best;
   BaselineFix without;
   for (std::size_t i = 0; i < satellites.count; ++i) {
     Satellites others = satellites;
     others.remove(i);
     const BaselineFix attempt = track(others);
-    if (!attempt.fixed() || !(mean_square(others, attempt) <= kMaxMeanSquare)) continue;
+    if (!attempt.fixed()) continue;
+    const double found = misfit(others, attempt);
+    second = std::min(second, std::max(best, found));
+    if (!(found < best)) continue;
+    best = found;
     culprit = i;
     without = attempt;
-    ++suspects;
   }
-  if (suspects != 1) return false;
+  constexpr double kNoise = 0.1;  // about what is left of right integers
+  if (!(best <= 1.0) || !(second >= kDistinct * std::max(best, kNoise))) return false;
   without.slips = fix.slips;
   static_cast<void>(without.slips.push_back(satellites.items[culprit].id));
   forget(satellites.items[culprit].id);
@@ -125,7 +136,7 @@ BaselineFix BaselineTracker::step(std::span<const BaselineSatellite> satellites)
   if (held.count >= kRedundant) {
     BaselineFix fix = track(held);
     fix.slips = slips;
-    bool agree = fix.fixed() && mean_square(held, fix) <= kMaxMeanSquare;
+    bool agree = fix.fixed() && misfit(held, fix) <= 1.0;
     if (fix.fixed() && !agree) agree = drop_slipped(held, fix);
     if (agree) {
       add(satellites, fix);

@@ -142,10 +142,11 @@ class BaselineSolver {
 /// Carries the integers from epoch to epoch, as an attitude filter wants it: they are solved once, kept while the phase
 /// agrees with them, and repaired or solved again after a cycle slip.
 ///
-/// A satellite loses its integer when it is flagged (`lost_lock`), sets, or when without it the others agree and with
-/// it they do not: mean squared residual over variance above 25, where one lost cycle gives thousands. All are given
-/// up when no single satellite explains it. New integers come from rounding about the baseline of the others when the
-/// fraction is below 0.2 cycles. `BaselineFix::slips` names the satellites. Does not allocate after construction.
+/// A satellite loses its integer when it is flagged (`lost_lock`), is not seen, or when without it the others agree and
+/// with it they do not: squared residuals over variance per degree of freedom above 5 + 20 / dof, where right integers
+/// give 1 and a lost cycle hundreds. All are given up when no single satellite explains it. New integers come from
+/// rounding about the baseline of the others when the fraction is below 0.2 cycles. `BaselineFix::slips` names the
+/// satellites that lost theirs without setting. Does not allocate after construction.
 class BaselineTracker {
  public:
   /// @throws std::invalid_argument for an option out of range.
@@ -166,7 +167,7 @@ class BaselineTracker {
 
   [[nodiscard]] const Known* find(int id) const noexcept;
   void forget(int id) noexcept;
-  [[nodiscard]] double mean_square(const Satellites& satellites, const BaselineFix& fix) const noexcept;
+  [[nodiscard]] double misfit(const Satellites& satellites, const BaselineFix& fix) const noexcept;
   [[nodiscard]] BaselineFix track(const Satellites& satellites) noexcept;
   [[nodiscard]] bool drop_slipped(Satellites& satellites, BaselineFix& fix) noexcept;
   void add(std::span<const BaselineSatellite> satellites, const BaselineFix& fix) noexcept;
