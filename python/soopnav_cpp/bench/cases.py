@@ -10,6 +10,7 @@ import numpy as np
 from soopnav_cpp import clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
+from soopnav_cpp.bench.source_cases import SOURCE_CASES
 
 __all__ = ["CASES", "ekf_planar_ins", "particle_bootstrap"]
 
@@ -162,4 +163,5 @@ CASES: tuple[Case, ...] = (
     particle_bootstrap(_bootstrap("double")),
     particle_bootstrap(_bootstrap("float"), single=True),
     ALLAN,
+    *SOURCE_CASES,
 )
