@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
 _FLOOR_DB = -30.0
 _MOST_RAYS = 90
+_MOST_SIGMA_DEG = 60.0  # whose bar is drawn
 _MOST_FIXES = 9
 _TRUTH = "#111111"
 
@@ -213,10 +214,10 @@ def bearings_over_time(
             mine = who == number
             colour = _COLOURS[int(number) % len(_COLOURS)]
             if sigma is not None:
+                known = mine & (sigma < _MOST_SIGMA_DEG)
                 axes.errorbar(
-                    time[mine], value[mine], yerr=np.minimum(sigma[mine], 180.0), fmt="none", ecolor=colour,
-                    elinewidth=0.8, alpha=0.35,
-                )  # fmt: skip
+                    time[known], value[known], yerr=sigma[known], fmt="none", ecolor=colour, elinewidth=0.8, alpha=0.35
+                )
             axes.plot(time[mine], value[mine], "o", color=colour, markersize=2.6)
         if right is not None:
             axes.plot(time, _without_jumps(right), color=_TRUTH, linewidth=0.9, label="truth")
@@ -334,6 +335,12 @@ def bearings_map(
     targets = np.array([p for p in points if p is not None]).reshape(-1, 2)
     right = None if truth_m is None else np.atleast_2d(np.asarray(truth_m, dtype=np.float64))[:, :2]
     everything = np.vstack([places, targets, *([] if right is None else [right])])
+    middle, reach = _extent(everything)
+    for item in named.values():  # with their ellipses, unless those are larger than all the rest
+        spread, place = _spread(item), _place(item)
+        if spread is not None and place is not None and 4.9 * math.sqrt(float(np.linalg.eigvalsh(spread)[-1])) < reach:
+            reaches = 2.45 * np.sqrt(np.diagonal(spread))
+            everything = np.vstack([everything, place - reaches, place + reaches])
     middle, reach = _extent(everything)
     if line is not None:
         reach = max(reach, 1000.0)

@@ -142,7 +142,7 @@ def test_poses_make_true_bearings_that_are_located(tmp_path: Path, roof: Path) -
     data = read_bearings(out / "bearings.csv")
     assert len(data) == 4
     located = run("locate-emitter", out / "bearings.csv", "--out", tmp_path / "fix").stdout
-    assert "1: east" in located
+    assert "emitter 1: east" in located
     metrics = json.loads((tmp_path / "fix" / "metrics.json").read_text(encoding="utf-8"))
     fix = metrics["emitters"][0]["methods"]["ml"]
     off = np.array(fix["position_m"][:2]) - emitter[:2]

@@ -96,6 +96,16 @@ class Found:
         """Rows with a bearing."""
         return np.array([word == "ok" for word in self.status], dtype=np.bool_)
 
+    @property
+    def compass_deg(self) -> Array:
+        """True bearings, clockwise from north, 0 … 360; NaN where there is none."""
+        if self.poses is None:
+            return np.full(len(self.t_s), np.nan)
+        bearing, _, _ = self.poses.to_level(self.azimuth_rad, self.elevation_rad, self.covariance_rad2)
+        if self.poses.frame is not None:
+            bearing = against_own_north(self.poses.frame, self.poses.position_m, bearing)
+        return np.asarray((90.0 - np.degrees(bearing)) % 360.0)
+
 
 def _start_s(metadata: io.Metadata, first: str | None, end_s: float) -> float:
     """When a capture begins, after the first one: by its own time, or when the one before ended."""
@@ -301,17 +311,19 @@ def sentence(found: Found) -> str:
     first = good & (found.source == 0)
     sigma = np.sqrt(found.covariance_rad2[first, 0, 0])
     words = [f"{int(good.sum())} bearings in {blocks} block{'s' * (blocks != 1)} of {found.block_samples} samples"]
-    words.append(
-        f"strongest at azimuth {_spread(found.azimuth_rad[first])} (σ stated {_degrees(float(np.median(sigma)))})"
-    )
+    if found.poses is None:
+        median = _degrees(float(np.median(sigma)))
+        words.append(f"strongest at azimuth {_spread(found.azimuth_rad[first])} (σ stated {median})")
+    else:
+        words.append(f"σ from {_degrees(float(sigma.min()))} to {_degrees(float(sigma.max()))}")
     words.append(f"SNR {text.plain(float(np.median(found.snr_db[first])), 1)} dB")
     return "; ".join(words)
 
 
 def _degrees(angle_rad: float) -> str:
-    """Two figures that mean something."""
+    """``0.39°``, ``1.0°``, ``12°``."""
     value = math.degrees(angle_rad)
-    return f"{value:.2g}°" if value < 10.0 else f"{value:.0f}°" if math.isfinite(value) else "–"
+    return f"{value:.{2 if value < 1.0 else 1 if value < 10.0 else 0}f}°" if math.isfinite(value) else "–"
 
 
 def _counts(found: Found) -> dict[str, int]:
@@ -356,14 +368,12 @@ def _columns(found: Found) -> dict[str, list[str]]:
             "longitude_deg": numbers(np.degrees(longitude), 9),
             "height_m": numbers(height, 3),
         }
-    bearing, elevation, spread = poses.to_level(found.azimuth_rad, found.elevation_rad, found.covariance_rad2)
-    if poses.frame is not None:
-        bearing = against_own_north(poses.frame, poses.position_m, bearing)
+    _, elevation, spread = poses.to_level(found.azimuth_rad, found.elevation_rad, found.covariance_rad2)
     with np.errstate(invalid="ignore"):
         sigma_bearing, sigma_level = np.sqrt(spread[:, 0, 0]), np.sqrt(spread[:, 1, 1])
     columns |= {
         "heading_deg": numbers(np.degrees(poses.heading_rad), 4),
-        "bearing_deg": numbers((90.0 - np.degrees(bearing)) % 360.0, 4),
+        "bearing_deg": numbers(found.compass_deg, 4),
         "bearing_elevation_deg": numbers(np.degrees(elevation), 4),
         "sigma_bearing_deg": numbers(np.degrees(np.minimum(sigma_bearing, np.pi)), 4),
         "sigma_bearing_elevation_deg": numbers(np.degrees(np.minimum(sigma_level, np.pi)), 4),
@@ -414,17 +424,22 @@ def _cells(found: Found, k: int) -> list[str]:
     sigma_azimuth, sigma_elevation = (float(values[k]) for values in _sigmas(found))
     dash = "–"
     good = math.isfinite(found.azimuth_rad[k])
-    return [
+    cells = [
         f"{found.t_s[k]:.3f} s",
         str(found.source[k] + 1) if good else dash,
         f"{text.plain(math.degrees(found.azimuth_rad[k]), 2)}° ± {_degrees(sigma_azimuth)}" if good else dash,
         f"{text.plain(math.degrees(found.elevation_rad[k]), 2)}° ± {_degrees(sigma_elevation)}" if good else dash,
         f"{text.plain(float(found.snr_db[k]), 1)} dB" if math.isfinite(found.snr_db[k]) else dash,
-        found.status[k].replace("_", " "),
     ]
+    if found.poses is not None:
+        bearing = found.compass_deg[k]
+        cells.append(f"{bearing:.2f}°" if math.isfinite(bearing) else dash)
+    return [*cells, found.status[k].replace("_", " ")]
 
 
-_HEAD = ("time", "source", "azimuth", "elevation", "SNR", "status")
+def _head(found: Found) -> tuple[str, ...]:
+    bearing = () if found.poses is None else ("bearing",)
+    return ("time", "source", "azimuth", "elevation", "SNR", *bearing, "status")
 
 
 def print_result(found: Found, console: Console) -> None:
@@ -437,7 +452,7 @@ def print_result(found: Found, console: Console) -> None:
         highlight=False, soft_wrap=True, markup=False,
     )  # fmt: skip
     shown = Table(box=None, padding=(0, 1), header_style="bold")
-    for column in _HEAD:
+    for column in _head(found):
         shown.add_column(column, justify="left" if column == "status" else "right", no_wrap=True)
     picked = _rows_shown(found)
     for k in picked:
@@ -505,7 +520,9 @@ def write_report(found: Found, folder: Path) -> Path:
                 folder / "spectrum.png",
             )
         )
-    rows = table(_HEAD, [("" if found.status[k] == "ok" else "bad", _cells(found, k)) for k in _rows_shown(found)])
+    rows = table(
+        _head(found), [("" if found.status[k] == "ok" else "bad", _cells(found, k)) for k in _rows_shown(found)]
+    )
     geometry = found.manifold.geometry
     said = sentence(found)
     report = folder / "report.html"

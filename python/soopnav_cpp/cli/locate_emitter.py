@@ -132,13 +132,15 @@ def locate(
 def _of_scenario(path: Path, *, method: str | None, seed: int | None, step: Steps) -> Result:
     from soopnav_cpp import scenarios
     from soopnav_cpp.scenarios import source_localization_pipeline as pipeline
+    from soopnav_cpp.scenarios.execution import seed_of_run
     from soopnav_cpp.scenarios.source_localization import SourceLocalization, SourceLocalizationScenario
 
     system, scenario = scenarios.load(path, seed=seed)
     if not isinstance(system, SourceLocalization) or not isinstance(scenario, SourceLocalizationScenario):
         raise ValueError(f'{path}: system = "{system.name}": source_localization expected')
     step("listening")
-    heard = pipeline.hear(scenario, scenario.seed)
+    first = seed_of_run(scenario, 1)  # what soopnav run begins with
+    heard = pipeline.hear(scenario, first)
     settings = scenario.locator
     methods = settings.methods if method is None else _methods(method, settings.moving)
     return _solved(
@@ -149,7 +151,7 @@ def _of_scenario(path: Path, *, method: str | None, seed: int | None, step: Step
         dimensions=settings.dimensions,
         moving=settings.moving,
         groups=pipeline.groups(scenario, heard),
-        seed=scenario.seed,
+        seed=first,
         step=step,
         notes=list(heard.notes),
     )

@@ -148,7 +148,8 @@ def separate(data: BearingsData, *, force: bool = False) -> tuple[dict[str, Bear
     """
     if data.emitter is not None:
         names = list(dict.fromkeys(name for name in data.emitter.tolist() if name))
-        return {name: data.of(data.emitter == name) for name in names}, int(np.sum(data.emitter == ""))
+        parts = {f"emitter {name}" if name.isdecimal() else name: data.of(data.emitter == name) for name in names}
+        return parts, int(np.sum(data.emitter == ""))
     if not force and len(np.unique(data.t_s)) == len(data):
         return {"emitter": data}, 0
     label = associate(data)
