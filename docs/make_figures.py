@@ -219,11 +219,24 @@ def outage_figure(runs: int) -> None:
     plt.close(figure)
 
 
+def source_figures() -> None:
+    """The drive of docs/finding_a_source.md: the map, its bearings over the distance, positions by method."""
+    from soopnav_cpp.scenarios import source_localization_figures as drawing
+
+    system, scenario = sn.scenarios.load(IMAGES.parents[1] / "examples" / "scenarios" / "carter_drive.toml")
+    run = system.run(scenario, sn.scenarios.execution.seed_of_run(scenario, 1))
+    drawn = drawing.figures(scenario, run)
+    for name, start in (("map", "Bearings on"), ("bearings", "Errors of bearings"), ("errors", "Distance")):
+        figure = next(figure for caption, figure in drawn.items() if caption.startswith(start))
+        figure.savefig(IMAGES / f"finding_{name}.png", dpi=110)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60)
     runs = parser.parse_args().runs
     IMAGES.mkdir(exist_ok=True)
+    source_figures()
     boundary_curve(runs)
     planar_figure()
     outage_figure(runs)
