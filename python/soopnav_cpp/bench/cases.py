@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from soopnav_cpp import clock, estimation, measurement, process
+from soopnav_cpp import array, clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 from soopnav_cpp.bench.source_cases import SOURCE_CASES
@@ -157,6 +157,50 @@ ALLAN = Case(
     tolerance=1e-9,
 )
 
+
+def _directions_data() -> Data:
+    geometry = array.ArrayGeometry.planar(2, 2, 0.2)
+    rng = np.random.default_rng(1)
+    azimuth, elevation = np.deg2rad(np.arange(0.0, 360.0)), np.deg2rad(np.arange(0.0, 91.0))
+    manifold = array.Manifold(geometry)
+    truth = manifold.steering(np.deg2rad(40.0), np.deg2rad(50.0))
+    noise = rng.standard_normal((5, 2500, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
+    iq = (np.sqrt(10.0) * truth * noise[4] + noise[:4]).astype(np.complex64)
+    return {
+        "iq": iq,
+        "azimuth": azimuth,
+        "elevation": elevation,
+        "positions_wavelengths": geometry.positions_m / geometry.wavelength_m,
+        "steering": manifold.steering(azimuth[None, :], elevation[:, None]),
+    }
+
+
+def _directions(data: Data) -> Timed:
+    geometry = array.ArrayGeometry.planar(2, 2, 0.2)
+    finder = array.DirectionFinder(geometry)
+    iq = np.ascontiguousarray(data["iq"], dtype=np.complex64)
+
+    def run() -> Any:
+        return finder.estimate(iq)
+
+    def answer(found: Any) -> list[float]:
+        return [float(found.azimuth_rad[0]), float(found.elevation_rad[0])]
+
+    return run, answer
+
+
+MUSIC = Case(
+    name="array/music-360x91",
+    title="MUSIC, 4 elements, 2500 snapshots, 360 x 91 directions; ours refined, with covariance",
+    data=_directions_data,
+    ours=_directions,
+    peers=(
+        Peer("numpy", "array_peers", "music"),
+        Peer("pyroomacoustics", "pyroomacoustics_peers", "music", requirements=("pyroomacoustics==0.10.1",)),
+    ),
+    tolerance=0.02,
+)
+
 CASES: tuple[Case, ...] = (
     RTS,
     ekf_planar_ins(_planar_ins),
@@ -164,4 +208,5 @@ CASES: tuple[Case, ...] = (
     particle_bootstrap(_bootstrap("float"), single=True),
     ALLAN,
     *SOURCE_CASES,
+    MUSIC,
 )

@@ -133,8 +133,10 @@ def at_the_bound(lab: Lab) -> Iterator[Claim]:
         axes[1].set_ylim(0.9, 2.0)
         for part in axes:
             part.legend(frameon=False, fontsize=8)
-    lab.save(snr_db=SHOWN_DB, rms_rad=rms, scaled=scaled, **{f"{kind}_rad": value for kind, value in bounds.items()})
-
+    lab.save(
+        snr_db=SHOWN_DB, rms_rad=rms, scaled=scaled,
+        stochastic_rad=bounds["stochastic"], deterministic_rad=bounds["deterministic"],
+    )  # fmt: skip
     use = [SHOWN_DB.index(snr) for snr in SNR_DB]
     strong = [SHOWN_DB.index(snr) for snr in SNR_DB if snr >= 5.0]
     for index, name in enumerate(NAMES):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +26,7 @@ from soopnav_cpp.experiments.registry import Claim, Lab, above, at_least, at_mos
 RESOLVED_RAD = np.deg2rad(5.0)
 LEAST_APART_DEG = 60.0
 PAIR_SNR_DB = 5.0
-GAIN_SIGMA_DB, PHASE_SIGMA_RAD = 1.5, np.deg2rad(15.0)
+GAIN_SIGMA_DB, PHASE_SIGMA_RAD = 1.0, np.deg2rad(15.0)
 FILE_SNR_DB = 5.0
 CASES = ("circle of 6, both angles", "paper's square, azimuth at known elevation", "paper's square, both angles")
 COLOURS = ("#3a7d44", "#2b5f9e", "#b5442e")
@@ -101,11 +102,11 @@ def two_emitters(lab: Lab) -> Iterator[Claim]:
                 label=name,
             )
             share = [np.mean(errors[bins == i, case] < RESOLVED_RAD) for i in range(len(edges) - 1)]
-            axes[1].plot(0.5 * (edges[1:] + edges[:-1]), share, color=colour, marker="o", ms=4.0)
+            axes[1].plot(0.5 * (edges[1:] + edges[:-1]), share, color=colour, marker="o", ms=8.0 - 2.0 * case)
         axes[0].axvline(5.0, color="#22303c", linewidth=0.8, linestyle=(0, (4, 3)))
         axes[1].axhline(0.95, color="#22303c", linewidth=0.8, linestyle=(0, (4, 3)))
         axes[1].set_ylim(0.0, 1.03)
-        axes[0].legend(frameon=False, fontsize=8, loc="upper left")
+        axes[0].legend(frameon=False, fontsize=8, loc="lower right")
     lab.save(apart_deg=apart, errors_rad=errors)
     share = np.mean(errors < RESOLVED_RAD, axis=0)
     for case in (0, 1):
@@ -116,11 +117,26 @@ def two_emitters(lab: Lab) -> Iterator[Claim]:
     )  # fmt: skip
 
 
-def file_trials(seed: int, path: str, count: int) -> Array:
-    """Angle errors [rad] and signed errors of azimuth, elevation: (count, ideal / corrected / uncorrected, 3)."""
+def drawn_manifold(seed: int) -> Manifold:
+    """The paper's array with errors of gain and phase."""
+    return Manifold(paper_array()).with_random_errors(GAIN_SIGMA_DB, PHASE_SIGMA_RAD, seed)
+
+
+def write(manifold: Manifold, path: Path) -> Path:
+    """Its responses every 5 by 10 degrees."""
+    return manifold.save(path, elevation_rad=np.deg2rad(np.arange(0.0, 91.0, 10.0)))
+
+
+def file_trials(seed: int, count: int) -> Array:
+    """Angle errors [rad] and signed errors of azimuth, elevation: (count, ideal / corrected / uncorrected, 3).
+
+    A manifold of its own for each seed, through a file.
+    """
     rng = np.random.default_rng(seed)
     geometry = paper_array()
-    ideal, read = Manifold(geometry), Manifold.load(Path(path), geometry)
+    ideal = Manifold(geometry)
+    with tempfile.TemporaryDirectory() as folder:
+        read = Manifold.load(write(drawn_manifold(seed), Path(folder) / "manifold.csv"), geometry)
     plain, corrected = DirectionFinder(ideal), DirectionFinder(read)
     out = np.empty((count, 3, 3))
     for trial in range(count):
@@ -138,15 +154,9 @@ def file_trials(seed: int, path: str, count: int) -> Array:
 
 @experiment("carter-x3.4", title="A manifold from a file", source="beyond carter: its future work (chapter 6)", runs=20)
 def manifold_from_file(lab: Lab) -> Iterator[Claim]:
-    """Gain and phase errors (1.5 dB, 15 degrees rms) written to a CSV file, read back, injected and corrected."""
-    drawn = Manifold(paper_array()).with_random_errors(
-        GAIN_SIGMA_DB, PHASE_SIGMA_RAD, int(lab.rng("errors").integers(2**31))
-    )
-    path = drawn.save(
-        lab.out / f"{lab.experiment.id}_manifold.csv", elevation_rad=np.deg2rad(np.arange(0.0, 91.0, 10.0))
-    )
-    lab.data.append(path)
-    results = np.concatenate(lab.map(file_trials, str(path), 100))
+    """20 draws of gain and phase errors (1 dB, 15 degrees rms), each through a CSV file, injected and corrected."""
+    lab.data.append(write(drawn_manifold(lab.seeds[0]), lab.out / f"{lab.experiment.id}_manifold.csv"))
+    results = np.concatenate(lab.map(file_trials, 100))
     rms = np.sqrt(np.mean(results[:, :, 0] ** 2, axis=0))
     names = ("ideal elements", "errors in, corrected by the file", "errors in, not corrected")
     with lab.figure(7.2, 4.4) as figure:

@@ -82,13 +82,18 @@ def figure_4_7(lab: Lab) -> Iterator[Claim]:
                 )
         axes[0, 2].legend(frameon=False, fontsize=8)
         style(axes[1, 0], "SNR as ratio of densities", "SNR in the signal's band [dB]", "rms angle [deg]")
-        style(axes[1, 1], "The same over SNR + 10 log bandwidth", "SNR + 10 log bw [dB]", "rms angle [deg]")
+        style(axes[1, 1], "Over SNR + 10 log bw", "SNR + 10 log bw [dB]", "rms angle [deg]")
         for r, (ratio, colour) in enumerate(zip(RATIOS, COLOURS, strict=True)):
             for column, shift in ((0, 0.0), (1, 10.0 * np.log10(ratio))):
                 axes[1, column].semilogy(
                     np.array(SNR_DB) + shift, rms_deg[1, r, :, 2], color=colour, marker="o", ms=3.0
                 )
-        style(axes[1, 2], "Mean eigenvalues (4.11)", "SNR in the front end's band [dB]", "eigenvalue over noise [dB]")
+        style(
+            axes[1, 2],
+            "The four mean eigenvalues (4.11)",
+            "SNR in the front end's band [dB]",
+            "eigenvalue over noise [dB]",
+        )
         for order in range(4):
             axes[1, 2].plot(
                 SNR_DB, 10.0 * np.log10(eigen[0, :, :, order].mean(axis=0)), color=COLOURS[order], marker="o", ms=3.0
