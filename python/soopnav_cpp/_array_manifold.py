@@ -25,7 +25,7 @@ class Manifold:
 
     Model: ``C diag(errors) diag(measured) exp(+j 2 pi r . u f / c)``. Ideal when made from a geometry; measured
     responses come from files (`load`) or arrays (`measured`); errors and coupling are added by ``with_...``, which
-    leave this one alone. A measured response is interpolated linearly in real and imaginary part after the geometry's
+    leave this one alone. It can be pickled. A measured response is interpolated linearly in real and imaginary part after the geometry's
     own phase is taken out of it; directions it does not cover raise ValueError in `steering` and are left out of a
     search.
 
@@ -46,6 +46,24 @@ class Manifold:
         out.__dict__.update(self.__dict__)
         out._core = core
         return out
+
+    def __getstate__(self) -> dict[str, Any]:
+        geometry = self.geometry
+        return {
+            "geometry": (geometry.positions_m, geometry.frequency_hz, geometry.name),
+            "grid": self._grid,
+            "errors": (self._gain_db, self._phase_rad),
+            "coupling": self._coupling,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        geometry = ArrayGeometry(*state["geometry"])
+        made = Manifold(geometry) if state["grid"] is None else Manifold.measured(geometry, *state["grid"])
+        if any(np.any(part) for part in state["errors"]):
+            made = made.with_errors(*state["errors"])
+        if state["coupling"] is not None:
+            made = made.with_coupling(state["coupling"])
+        self.__dict__.update(made.__dict__)
 
     @classmethod
     def measured(

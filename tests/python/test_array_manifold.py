@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from pathlib import Path
 
@@ -111,6 +112,20 @@ def test_manifold_files(tmp_path: Path, suffix: str) -> None:
     iq_a = real.steering(0.4, 0.7)
     found = DirectionFinder(read).estimate_covariance(iq_a @ iq_a.conj().T + np.eye(4), 1000)
     np.testing.assert_allclose([found.azimuth_rad[0], found.elevation_rad[0]], [0.4, 0.7], atol=2e-3)
+
+
+def test_pickled_manifold_is_the_same(tmp_path: Path) -> None:
+    geometry = ArrayGeometry.uca(4, 0.3)
+    read = Manifold.load(Manifold(geometry).with_random_errors(1.0, 0.3, seed=1).save(tmp_path / "m.npz"), geometry)
+    for manifold in (
+        Manifold(geometry),
+        read,
+        read.with_errors([1, 2, 3, 4], [0.1] * 4).with_coupling(2.0 * np.eye(4)),
+    ):
+        copy = pickle.loads(pickle.dumps(manifold))
+        np.testing.assert_array_equal(copy.steering(0.3, 0.4), manifold.steering(0.3, 0.4))
+        assert copy.ideal == manifold.ideal
+        assert copy.geometry.name == geometry.name
 
 
 def test_manifold_files_refused(tmp_path: Path) -> None:
