@@ -25,9 +25,9 @@ class Manifold:
 
     Model: ``C diag(errors) diag(measured) exp(+j 2 pi r . u f / c)``. Ideal when made from a geometry; measured
     responses come from files (`load`) or arrays (`measured`); errors and coupling are added by ``with_...``, which
-    leave this one alone. It can be pickled. A measured response is interpolated linearly in real and imaginary part after the geometry's
+    leave this one alone. A measured response is interpolated linearly in real and imaginary part after the geometry's
     own phase is taken out of it; directions it does not cover raise ValueError in `steering` and are left out of a
-    search.
+    search. It can be pickled.
 
     Parameters
     ----------
