@@ -27,7 +27,7 @@ class SigmaMap:
     """Rms error of a bearing against the eigenvalue ratio, by Monte Carlo of one array and one source.
 
     The ratio is the largest eigenvalue over the mean of the others, each averaged over epochs. A single epoch's ratio
-    is biased upwards where the signal is weak, and the errors it promises are too small there: `smooth` first.
+    is biased upwards and scatters where the signal is weak: `smooth` first.
 
     Attributes
     ----------

@@ -2,10 +2,15 @@
 
 import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 import soopnav_cpp as sn
 from soopnav_cpp import array, plotting
@@ -208,6 +213,38 @@ def test_file_that_is_no_json(tmp_path):
         array.Calibration.load(tmp_path / "none.json")
 
 
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_text_is_read_or_refused(saved, data):
+    text = saved[1].read_text()
+    first = data.draw(st.integers(0, len(text)))
+    last = data.draw(st.integers(first, min(len(text), first + 30)))
+    torn = saved[1].with_name("torn.json")
+    torn.write_text(text[:first] + data.draw(st.text(max_size=6)) + text[last:], encoding="utf-8", errors="replace")
+    try:
+        found = array.Calibration.load(torn)
+    except array.CalibrationError as error:
+        assert "torn.json" in str(error)
+    else:
+        assert np.isfinite(found.channel).all()
+        assert np.all(found.iq_gain > 0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    iq=hnp.arrays(np.complex64, st.tuples(st.just(4), st.integers(0, 200))),
+    tone_hz=st.floats(-1.0, 1.0).map(lambda x: x * RATE),
+)
+def test_any_samples_are_fitted_or_refused(iq, tone_hz):
+    try:
+        found = array.calibrate(iq, RATE, tone_hz, geometry())
+    except ValueError as error:
+        assert str(error)
+    else:
+        assert np.isfinite(found.channel).all()
+        assert np.all(found.iq_gain > 0)
+
+
 # ---- The command
 
 
@@ -334,3 +371,22 @@ def test_map_refusals():
         array.SigmaMap.build(geometry(), 0, seed=1)
     with pytest.raises(ValueError, match="elevation_low_rad"):
         array.SigmaMap.build(geometry(), 10, elevation_rad=(0.5, 0.1), seed=1)
+
+
+# ---- The page
+
+
+def test_page_runs_as_it_stands(capsys):
+    page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 3
+    exec(compile("\n".join(blocks), "docs/calibration.md", "exec"), {})
+    said = capsys.readouterr().out
+    assert "-95.0 dBm, -1.6 dB at 150 m, -18.0 dB at 1 km" in said
+    zenith = re.search(r"([\d.]+) degrees: the zenith", said)
+    assert zenith is not None
+    assert float(zenith[1]) > 89.0
+    rms, predicted = map(float, re.findall(r"rms ([\d.]+), predicted ([\d.]+)", said)[0])
+    assert 0.6 < rms / predicted < 1.6
+    for name in re.findall(r"\]\(((?:images/|\.\./)[^)]+)\)", page):
+        assert (Path(__file__).parents[2] / "docs" / name).exists()

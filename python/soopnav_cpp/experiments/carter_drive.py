@@ -124,9 +124,11 @@ def _draw_drive(lab: Lab, drive: EmitterDrive, one: DriveBearings) -> None:
             axes = figure.add_subplot(grid[row, 1])
             style(axes, f"{name} in the local frame", "time [s]", f"{name.lower()} [°]")
             axes.plot(drive.t_s, np.degrees(found), ".", color=RED, markersize=3.5, label="MUSIC")
-            axes.plot(drive.t_s, np.degrees(truth), color="black", linewidth=1.0, label="truth")
+            right = np.degrees(truth)
+            right[1:][np.abs(np.diff(right)) > 180.0] = np.nan  # no line across the turn's end
+            axes.plot(drive.t_s, right, color="black", linewidth=1.0, label="truth")
             axes.set_ylim(*limits)
-            axes.legend(fontsize=8, frameon=False, loc="upper right")
+            axes.legend(fontsize=8, loc="upper center", ncols=2)
 
 
 def _draw_errors(
