@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import array
+from soopnav_cpp.experiments.carter_calibration import TONE_HZ, geometry, receivers, recorded
 from soopnav_cpp.experiments.registry import Claim, Lab, above, band, below, experiment, style
 from soopnav_cpp.scenarios.emitter_drive import EXCESS_LOSS_DB, DriveBearings, EmitterDrive, emitter_drive, measure
 from soopnav_cpp.simulation import ArrayLink
@@ -17,6 +18,7 @@ Array = npt.NDArray[np.float64]
 
 BLUE, RED, GREEN, GREY = "#1b6ca8", "#d1495b", "#2e933c", "#5c677d"
 SAMPLES = 2500
+CHAIN_RUNS = 20
 NEAR_M, FAR_M = 170.0, 1100.0
 BINS_M = np.array([150.0, NEAR_M, 250.0, 400.0, 550.0, 700.0, 850.0, 1000.0, FAR_M, 1211.0])
 
@@ -24,9 +26,8 @@ BINS_M = np.array([150.0, NEAR_M, 250.0, 400.0, 550.0, 700.0, 850.0, 1000.0, FAR
 @functools.cache
 def scene() -> tuple[EmitterDrive, ArrayLink, array.DirectionFinder]:
     """The drive, the paper's array and power, and MUSIC."""
-    geometry = array.ArrayGeometry.planar(2, 2, 0.2)
-    link = ArrayLink(geometry, transmit_power_dbm=10.0, noise_figure_db=6.0, excess_loss_db=EXCESS_LOSS_DB)
-    return emitter_drive(), link, array.DirectionFinder(geometry)
+    link = ArrayLink(geometry(), transmit_power_dbm=10.0, noise_figure_db=6.0, excess_loss_db=EXCESS_LOSS_DB)
+    return emitter_drive(), link, array.DirectionFinder(geometry())
 
 
 def sigma_map(seed: int) -> array.SigmaMap:
@@ -40,6 +41,20 @@ def run(seed: int) -> DriveBearings:
     """One drive on generated samples."""
     drive, link, finder = scene()
     return measure(drive, link, finder, n_samples=SAMPLES, seed=seed)
+
+
+def received(seed: int) -> tuple[Array, Array]:
+    """Azimuth errors of one drive through receivers with faults: calibrated with a tone beforehand, and as they are."""
+    drive, link, finder = scene()
+    front_end = receivers(seed)
+    calibration = array.calibrate(recorded(seed, TONE_HZ), link.sample_rate_hz, TONE_HZ, geometry())
+    with_it, without = (
+        measure(drive, link, finder, n_samples=SAMPLES, seed=seed, front_end=front_end, calibration=made).errors(drive)[
+            0
+        ]
+        for made in (calibration, None)
+    )
+    return with_it, without
 
 
 def rms_deg(errors: Array) -> float:
@@ -57,6 +72,8 @@ def bearings(lab: Lab) -> Iterator[Claim]:
     ratio = np.array([table.smooth(one.eigenvalues) for one in runs])
     sigma = np.asarray(table.sigma(ratio))
     single = np.asarray(table.sigma([table.smooth(one.eigenvalues, epochs=1) for one in runs]))
+    chain = np.array(lab.map(received, runs=CHAIN_RUNS))
+    near = drive.distance_m <= NEAR_M
     where = np.digitize(drive.distance_m, BINS_M) - 1
     bins = range(len(BINS_M) - 1)
     measured = np.array([rms_deg(errors[:, where == k]) for k in bins])
@@ -75,10 +92,11 @@ def bearings(lab: Lab) -> Iterator[Claim]:
         bins_m=BINS_M,
         measured_deg=measured,
         predicted_deg=predicted,
+        receivers_error_rad=chain,
     )
     yield Claim(
         f"rms of azimuth within {NEAR_M:g} m",
-        rms_deg(errors[:, drive.distance_m <= NEAR_M]),
+        rms_deg(errors[:, near]),
         below(1.5, "°"),
         "Fig. 5.12",
     )
@@ -93,6 +111,18 @@ def bearings(lab: Lab) -> Iterator[Claim]:
         share,
         band(0.67, 1.5),
         "Fig. 5.13",
+    )
+    yield Claim(
+        f"rms within {NEAR_M:g} m through receivers with faults, calibrated with a tone",
+        rms_deg(chain[:, 0][:, near]),
+        below(1.5, "°"),
+        "Fig. 5.8",
+    )
+    yield Claim(
+        f"rms within {NEAR_M:g} m through the same receivers, not calibrated",
+        rms_deg(chain[:, 1][:, near]),
+        above(30.0, "°"),
+        "Fig. 5.8",
     )
 
 

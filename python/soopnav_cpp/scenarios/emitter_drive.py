@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from soopnav_cpp.array import DirectionFinder
-    from soopnav_cpp.simulation import ArrayLink
+    from soopnav_cpp.array import Calibration, DirectionFinder
+    from soopnav_cpp.simulation import ArrayLink, FrontEnd
 
 __all__ = ["EXCESS_LOSS_DB", "DriveBearings", "EmitterDrive", "emitter_drive", "heading_rotation", "measure", "wrapped"]
 
@@ -170,6 +170,8 @@ def measure(
     n_samples: int = 2500,
     seed: int,
     generated_iq: bool = True,
+    front_end: FrontEnd | None = None,
+    calibration: Calibration | None = None,
 ) -> DriveBearings:
     """Bearings by MUSIC along a drive.
 
@@ -186,19 +188,35 @@ def measure(
     generated_iq : bool
         From samples (some 30 ms for 240 epochs of 2500 on four elements), or from sample covariances of the same law
         without them (half as long).
+    front_end : FrontEnd, optional
+        Receivers that the samples pass (carter figs. 5.4 and 5.8); its noise takes the place of the link's.
+    calibration : Calibration, optional
+        Of these receivers: undone before MUSIC.
 
     Returns
     -------
     DriveBearings
     """
     azimuth, elevation, distance = drive.array_azimuth_rad, drive.elevation_rad, drive.distance_m
-    snr_db = link.snr_db(distance)
     if generated_iq:
-        blocks = link.blocks(azimuth, elevation, snr_db=snr_db, n_samples=n_samples, seed=seed)
+        blocks = (
+            link.blocks(azimuth, elevation, snr_db=link.snr_db(distance), n_samples=n_samples, seed=seed)
+            if front_end is None
+            else link.blocks(
+                azimuth,
+                elevation,
+                power_dbm=link.received_power_dbm(distance),
+                n_samples=n_samples,
+                seed=seed,
+                front_end=front_end,
+            )
+        )
         samples = np.ascontiguousarray(blocks.transpose(1, 0, 2)).reshape(blocks.shape[1], -1)
-        found = finder.track(samples, n_samples)
+        found = finder.track(samples if calibration is None else calibration.apply(samples), n_samples)
     else:
-        found = finder.run(link.covariances(snr_db, azimuth, elevation, n_samples, seed), n_samples)
+        if front_end is not None or calibration is not None:
+            raise ValueError("generated_iq: False; a front end and its calibration need samples")
+        found = finder.run(link.covariances(link.snr_db(distance), azimuth, elevation, n_samples, seed), n_samples)
     return DriveBearings(
         azimuth_rad=drive.local_azimuth(found.azimuth_rad[:, 0]),
         elevation_rad=found.elevation_rad[:, 0],
