@@ -1,4 +1,5 @@
 #include <pybind11/complex.h>
+#include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -35,14 +36,15 @@ auto of_channels(const CalibrationReport& report, const Read& read) {
 }  // namespace
 
 void register_calibration(py::module_& m) {
-  py::enum_<CalibrationStatus>(m, "CalibrationStatus", "What became of a calibration.")
+  py::native_enum<CalibrationStatus>(m, "CalibrationStatus", "enum.IntEnum", "What became of a calibration.")
       .value("OK", CalibrationStatus::kOk)
       .value("TOO_FEW_SAMPLES", CalibrationStatus::kTooFewSamples)
       .value("NON_FINITE", CalibrationStatus::kNonFinite)
       .value("DEAD_CHANNEL", CalibrationStatus::kDeadChannel)
       .value("WEAK_TONE", CalibrationStatus::kWeakTone)
       .value("SATURATED", CalibrationStatus::kSaturated)
-      .value("NO_QUADRATURE", CalibrationStatus::kNoQuadrature);
+      .value("NO_QUADRATURE", CalibrationStatus::kNoQuadrature)
+      .finalize();
 
   py::class_<CalibrationReport>(m, "CalibrationReport", "What a tone said about the channels; arrays of shape (M,).")
       .def_readonly("status", &CalibrationReport::status)

@@ -265,8 +265,9 @@ def _parsed(document: dict[str, Any], path: Path) -> Calibration:
             raise CalibrationError(f"{place}.iq_phase_rad is {rows['iq_phase_rad'][-1]:g}; it must be within 1.4")
         if rows["channel"][-1] == 0.0:
             raise CalibrationError(f"{place}.channel is 0; a channel without gain cannot be corrected")
+    numbers: dict[str, Any] = {name: np.array(values) for name, values in rows.items()}
     return Calibration(
-        **{name: np.array(values) for name, values in rows.items()},
+        **numbers,
         frequency_hz=_number(document.get("frequency_hz"), f"{path}: frequency_hz", positive=True),
         sample_rate_hz=_number(document.get("sample_rate_hz"), f"{path}: sample_rate_hz", positive=True),
         tone_hz=_number(document.get("tone_hz"), f"{path}: tone_hz"),

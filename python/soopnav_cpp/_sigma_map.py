@@ -84,7 +84,7 @@ class SigmaMap:
         if not isinstance(inner, _array.Manifold):
             inner = _array.Manifold(inner)
         low, high = elevation_rad
-        columns = _simulation.eigenvalue_map(
+        drawn = _simulation.eigenvalue_map(
             inner,
             levels,
             snapshots=n_snapshots,
@@ -94,7 +94,7 @@ class SigmaMap:
             step_rad=float(np.radians(step_deg)),
             seed=seed,
         )
-        return cls(*(np.asarray(column) for column in columns), n_snapshots=int(n_snapshots))
+        return cls(**dict(zip(_COLUMNS, drawn, strict=True)), n_snapshots=int(n_snapshots))
 
     def sigma(self, eigenvalue_ratio: npt.ArrayLike, of: str = "azimuth") -> Any:
         """Rms error at a ratio.
@@ -184,7 +184,7 @@ class SigmaMap:
             raise ValueError(f"{given}: lists of one length expected for {', '.join(_COLUMNS)}")
         if not all(np.isfinite(column).all() for column in columns) or min(column.min() for column in columns[1:]) <= 0:
             raise ValueError(f"{given}: ratios and errors must be finite and above zero")
-        return cls(*columns, n_snapshots=snapshots)
+        return cls(**dict(zip(_COLUMNS, columns, strict=True)), n_snapshots=snapshots)
 
     def __repr__(self) -> str:
         worst, best = np.degrees(self.azimuth_rms_rad[[0, -1]])

@@ -3,6 +3,7 @@ Antenna arrays: manifolds, covariances, directions.
 """
 
 from __future__ import annotations
+import collections.abc
 import enum
 import numpy
 import numpy.typing
@@ -11,9 +12,13 @@ import typing
 __all__: list[str] = [
     "ArrayGeometry",
     "ArrayStatus",
+    "CalibrationReport",
+    "CalibrationStatus",
     "DirectionFinder",
     "Manifold",
     "SteeringTable",
+    "apply_correction",
+    "calibrate",
     "covariance",
     "crlb",
     "eigenvalues",
@@ -265,6 +270,84 @@ class DirectionFinder:
         """
         Status, count, numbers (B, K, 4), covariance, eigenvalues.
         """
+
+class CalibrationStatus(enum.IntEnum):
+    """
+    What became of a calibration.
+    """
+
+    DEAD_CHANNEL = ...
+    NON_FINITE = ...
+    NO_QUADRATURE = ...
+    OK = ...
+    SATURATED = ...
+    TOO_FEW_SAMPLES = ...
+    WEAK_TONE = ...
+    def __format__(self, format_spec): ...
+
+class CalibrationReport:
+    """
+    What a tone said about the channels; arrays of shape (M,).
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def channel(self) -> int:
+        """
+        At fault, or -1.
+        """
+    @property
+    def dc(self) -> numpy.typing.NDArray[numpy.complex128]: ...
+    @property
+    def gain(self) -> numpy.typing.NDArray[numpy.complex128]: ...
+    @property
+    def image_sigma(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def iq_gain(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def iq_phase_rad(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def phase_sigma_rad(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def residual_rms(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def status(self) -> CalibrationStatus: ...
+    @property
+    def tone_amplitude(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def tone_hz(self) -> float: ...
+    @property
+    def tone_sigma_hz(self) -> float: ...
+    @property
+    def tone_snr_db(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def value(self) -> float:
+        """
+        Of what was at fault.
+        """
+
+def apply_correction(
+    iq: numpy.typing.NDArray[numpy.complex64],
+    iq_gain: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    iq_phase_rad: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    dc: collections.abc.Sequence[complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex],
+    gain: collections.abc.Sequence[complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex],
+) -> numpy.typing.NDArray[numpy.complex64]:
+    """
+    Undoes the faults of channels, whose rows lie one after the other.
+    """
+
+def calibrate(
+    iq: numpy.typing.NDArray[numpy.complex64],
+    channels: typing.SupportsInt | typing.SupportsIndex,
+    sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    tone_hz: typing.SupportsFloat | typing.SupportsIndex,
+    *,
+    reference: typing.SupportsInt | typing.SupportsIndex = 0,
+    tolerance_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+) -> CalibrationReport:
+    """
+    Faults of channels from a tone that reaches them alike. iq: the channels' rows one after the other.
+    """
 
 def covariance(
     iq: numpy.typing.NDArray[numpy.complex64],

@@ -6,6 +6,7 @@ from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
+import soopnav_cpp._core.array
 import soopnav_cpp._core.geometry
 import soopnav_cpp._core.gnss
 import soopnav_cpp._core.ofdm
@@ -27,6 +28,7 @@ __all__: list[str] = [
     "apply_taps",
     "array_samples",
     "down_convert",
+    "eigenvalue_map",
     "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
@@ -534,6 +536,27 @@ def down_convert(
 ) -> numpy.typing.NDArray[numpy.complex64]:
     """
     A real radio-frequency signal mixed to baseband and decimated.
+    """
+
+def eigenvalue_map(
+    manifold: soopnav_cpp._core.array.Manifold,
+    snr_db: numpy.typing.ArrayLike,
+    *,
+    snapshots: typing.SupportsInt | typing.SupportsIndex,
+    trials: typing.SupportsInt | typing.SupportsIndex,
+    elevation_low_rad: typing.SupportsFloat | typing.SupportsIndex,
+    elevation_high_rad: typing.SupportsFloat | typing.SupportsIndex,
+    step_rad: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+]:
+    """
+    SNR, mean eigenvalue ratio, rms errors of azimuth, elevation and direction, shape (k,) each.
     """
 
 def far_field_limit_m(

@@ -137,7 +137,7 @@ def calibration(lab: Lab) -> Iterator[Claim]:
     )
     yield Claim(
         "share of runs that point above 80° without calibration",
-        np.mean(elevation[:, 0] > 80.0),
+        float(np.mean(elevation[:, 0] > 80.0)),
         at_most(0.2),
         "Section 5.2",
     )
