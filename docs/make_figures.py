@@ -231,12 +231,32 @@ def source_figures() -> None:
         figure.savefig(IMAGES / f"finding_{name}.png", dpi=110)
 
 
+def calibration_figure() -> None:
+    """The recording of docs/calibration.md: a tone into four receivers, 12 bits, before and after."""
+    degrees = np.pi / 180.0
+    front_end = sn.simulation.FrontEnd(
+        4,
+        gain=np.array([1.0, 0.85, 1.1, 0.95]) * np.exp(1j * np.array([0.0, 2.1, -0.8, 3.0])),
+        iq_gain_db=[2.0, -1.2, 0.8, -2.0],
+        iq_phase_rad=[10.0 * degrees, -6.0 * degrees, -9.0 * degrees, 4.0 * degrees],
+        dc=[0.02, -0.01j, 0.015 + 0.01j, 0.0],
+        adc_bits=12,
+    )
+    level = 10.0 ** ((front_end.noise_floor_dbm + 33.0) / 20.0)
+    tone = level * np.exp(2j * np.pi * 1.013e6 / 20e6 * np.arange(20_000)) * np.ones((4, 1))
+    iq = front_end.apply(tone.astype(np.complex64), seed=1)
+    found = sn.array.calibrate(iq, 20e6, 1.013e6, sn.array.ArrayGeometry.planar(2, 2, 0.2))
+    figure = sn.plotting.calibration(iq, found, title="tone.sigmf-meta")
+    figure.savefig(IMAGES / "calibration.png", dpi=80)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60)
     runs = parser.parse_args().runs
     IMAGES.mkdir(exist_ok=True)
     source_figures()
+    calibration_figure()
     boundary_curve(runs)
     planar_figure()
     outage_figure(runs)

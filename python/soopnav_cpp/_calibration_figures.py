@@ -56,7 +56,7 @@ def draw_calibration(figure: Figure, iq: _Samples, found: Any) -> None:
     for column, (samples, word) in enumerate(((iq, "before"), (corrected, "after"))):
         _draw_circles(figure.add_subplot(grid[0, column]), samples, f"I and Q {word}", reach)
         _draw_carriers(figure.add_subplot(grid[1, column]), samples, found, f"Real part {word}", reach)
-    figure.axes[0].legend(fontsize=8, frameon=False, loc="upper right", markerscale=4.0, handletextpad=0.1)
+    figure.axes[0].legend(fontsize=8, frameon=False, loc="center", markerscale=4.0, handletextpad=0.1)
 
 
 def _draw_circles(axes: Axes, samples: _Samples, title: str, reach: float) -> None:
