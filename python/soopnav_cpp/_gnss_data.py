@@ -271,7 +271,14 @@ def read_navigation(path: str | Path) -> Ephemerides:
         Without the extra ``gnss``.
     """
     messages, klobuchar, problems = _rinex.read_navigation(path)
-    return Ephemerides(messages, klobuchar, problems)
+    sound, unsound = [], []
+    for message in messages:
+        try:
+            Ephemerides([message])
+            sound.append(message)
+        except ValueError as error:
+            unsound.append(f"{path}: {error}; message left out")
+    return Ephemerides(sound, klobuchar, (*problems, *unsound))
 
 
 def walker_constellation(

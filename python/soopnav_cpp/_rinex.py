@@ -47,7 +47,7 @@ class _File:
 
 def _open(path: str | Path, kind: str) -> tuple[_File, list[str]]:
     path = Path(path)
-    text = path.read_text(encoding="ascii", errors="replace")
+    text = path.read_text(encoding="ascii", errors="replace").replace("\ufffd", "?")
     lines = text.splitlines(keepends=True)
     label = lines[0][_LABEL].strip() if lines else ""
     if label != "RINEX VERSION / TYPE":
@@ -66,7 +66,8 @@ def _open(path: str | Path, kind: str) -> tuple[_File, list[str]]:
 def _epoch_seconds(line: str) -> float:
     """GPS time of an epoch's line, as georinex will read it; ValueError when it is no time."""
     fields = (line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], line[19:21])
-    whole = datetime(*(int(part) for part in fields), tzinfo=timezone.utc)  # type: ignore[arg-type,misc]
+    year, month, day, hour, minute, second = (int(part) for part in fields)
+    whole = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
     return (whole - datetime(1980, 1, 6, tzinfo=timezone.utc)).total_seconds() + float(line[19:29]) % 1.0
 
 
@@ -231,6 +232,19 @@ _FIELDS = {
 _MESSAGE_LINES = 8
 
 
+def _satellite_and_time(line: str) -> tuple[str, np.datetime64] | None:
+    """What a message's first line names, as georinex will read it; None when it is no GPS satellite and time."""
+    if not _NAME.match(line) or not 0 < int(line[1:3]) < 100:
+        return None
+    fields = (line[4:8], line[9:11], line[12:14], line[15:17], line[18:20], line[21:23])
+    try:
+        year, month, day, hour, minute, second = (int(part) for part in fields)
+        time = datetime(year, month, day, hour, minute, second)
+    except ValueError:
+        return None
+    return line[:3].replace(" ", "0"), np.datetime64(time.isoformat(), "s")
+
+
 def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | None, tuple[str, ...]]:
     """(one dict of fields for each GPS message, eight Klobuchar coefficients or None, problems)."""
     georinex = require("georinex", "gnss", "reading RINEX")
@@ -243,7 +257,9 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
         end = starts[k + 1] if k + 1 < len(starts) else len(lines)
         message = lines[i:end]
         whole = len([line for line in message if line.strip()]) == _MESSAGE_LINES and message[-1].endswith("\n")
-        if whole and all(len(line.rstrip()) >= 79 for line in message[1:7]):
+        if _satellite_and_time(lines[i]) is None:
+            file.problems.append(f"{file.path}:{first + i}: no satellite and time; message left out")
+        elif whole and all(len(line.rstrip()) >= 79 for line in message[1:7]):
             file.records.append("".join(message[:_MESSAGE_LINES]))
         else:
             file.problems.append(
@@ -254,21 +270,26 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
         file.problems.append(f"{file.path}: no message of GPS")
         return [], _klobuchar(file.header), tuple(file.problems)
     data = _parsed(file, georinex.rinexnav, use={"G"})
+    lacking = [name for name in (*_FIELDS, "FitIntvl") if name not in data]
+    if lacking:
+        raise ValueError(f"{file.path}: georinex finds no {lacking[0]} in its messages")
     columns = {ours: np.asarray(data[theirs].values, dtype=np.float64) for theirs, ours in _FIELDS.items()}
     fit_h = np.asarray(data["FitIntvl"].values, dtype=np.float64)
     weeks, seconds = _week_and_second(data.time.values)
     messages = []
+    found: set[tuple[str, np.datetime64]] = set()
     for i, j in zip(*np.nonzero(np.isfinite(columns["sqrt_a"])), strict=True):
         values = {name: float(column[i, j]) for name, column in columns.items()}
         if not all(np.isfinite(v) for v in values.values()):
-            file.problems.append(
-                f"{file.path}: a message of {data.sv.values[j]} has a number that cannot be read; left out"
-            )
             continue
+        found.add((str(data.sv.values[j])[:3], np.datetime64(data.time.values[i], "s")))
         values["prn"] = float(str(data.sv.values[j])[1:3])
         values["toc_s"] = seconds[i] + float(weeks[i] - values["week"]) * _WEEK_S
         values["fit_interval_s"] = 3600.0 * (fit_h[i, j] if fit_h[i, j] >= 4.0 else 4.0)
         messages.append(values)
+    for record in file.records:
+        if (named := _satellite_and_time(record)) not in found and named is not None:
+            file.problems.append(f"{file.path}: the message of {named[0]} at {named[1]} cannot be read; left out")
     return messages, _klobuchar(file.header), tuple(file.problems)
 
 
