@@ -23,7 +23,7 @@ L1_M = LIGHT_MPS / 1575.42e6
 BASELINES_M = np.array([0.05, 0.1, 0.2, 0.5, 1.0])
 SIGMAS_M = np.array([0.001, 0.005, 0.010, 0.020, 0.050])
 ANGLES_DEG = np.concatenate([[1.0, 2.0], np.arange(3.0, 178.0, 2.0), [178.0, 179.0]])
-DRAWS = 8000
+DRAWS = 3000
 
 # Figures 3.7 to 3.10.
 RATE_HZ = 10.0
@@ -280,7 +280,7 @@ def _draw_run(lab: Lab, run: FilterErrors) -> None:
     "carter-3.7",
     title="Attitude by least squares and by an EKF",
     source="carter section 3.2, Figs. 3.7 to 3.10",
-    runs=200,
+    runs=60,
 )
 def figure_3_7(lab: Lab) -> Iterator[Claim]:
     """Eight satellites, antennas 0.9 λ apart, one axis at a time by 40° at 10°/s, random-walk filter."""
