@@ -18,11 +18,14 @@ namespace {
 
 using P = Packet<double>;
 using C = soopnav::detail::PacketConstants<double>;
+using Cf = soopnav::detail::PacketConstants<float>;
 
 // Places at a time: their sums stay in the first-level cache.
 constexpr std::size_t kBlock = 256;
 // Factors multiplied before a logarithm is taken: each is above 1e-19 unless a place is impossible anyway.
 constexpr std::size_t kFactors = 12;
+// Bearings at a time: what they have beside their geometry is worked out once.
+constexpr std::size_t kPiece = 8 * kFactors;
 // The platform's own place has no direction: its squared distance is kept from zero.
 constexpr double kMinSquare = 1e-6;
 
@@ -31,6 +34,8 @@ constexpr double kMinSquare = 1e-6;
 constexpr std::array<double, 7> kAtan = {-0.04043225363148022, 0.07135325398001925, -0.09028983553586428,
                                          0.11107495140494247,  -0.1428561251158461, 0.19999998917291675,
                                          -0.33333333331440734};
+
+constexpr std::array<float, 4> kAtanFloat = {0.0852049204F, -0.140241428F, 0.199912377F, -0.333332866F};
 
 // |atan2(y, x)| in [0, pi].
 SOOPNAV_INLINE double turn_of(double y, double x) noexcept {
@@ -49,6 +54,22 @@ SOOPNAV_INLINE double turn_of(double y, double x) noexcept {
   return x < 0.0 ? kPi - quarter : quarter;
 }
 
+// The same in single precision, to 2e-7 rad.
+SOOPNAV_INLINE float turn_of(float y, float x) noexcept {
+  const float ax = std::fabs(x);
+  const float ay = std::fabs(y);
+  const float low = ax < ay ? ax : ay;
+  const float high = ax < ay ? ay : ax;
+  const bool upper = low > high * 0.41421356F;
+  const float t = (upper ? low - high : low) / ((upper ? low + high : high) + 1e-30F);
+  const float z = t * t;
+  float sum = kAtanFloat[0];
+  for (std::size_t k = 1; k < kAtanFloat.size(); ++k) sum = sum * z + kAtanFloat[k];
+  const float eighth = (t + t * z * sum) + (upper ? 0.785398163F : 0.0F);
+  const float quarter = ay > ax ? 1.57079633F - eighth : eighth;
+  return x < 0.0F ? 3.14159265F - quarter : quarter;
+}
+
 // e^-x for x >= 0. Below 1e-304 it stays there: numbers that are not normal would cost a hundred times as much.
 SOOPNAV_INLINE double decay(double x) noexcept {
   const double inside = x < 700.0 ? -x : -700.0;
@@ -62,6 +83,19 @@ SOOPNAV_INLINE double decay(double x) noexcept {
   return e * std::bit_cast<double>(exponent);
 }
 
+// In single precision, for floors that leave nothing of what is lost below e^-80.
+SOOPNAV_INLINE float decay(float x) noexcept {
+  const float inside = x < 80.0F ? -x : -80.0F;
+  const float shifted = inside * 1.44269504F + Cf::kMagic;
+  const float n = shifted - Cf::kMagic;
+  const float r = (inside - n * Cf::kLn2High) - n * Cf::kLn2Low;
+  float sum = static_cast<float>(Cf::kExp[0]);
+  for (std::size_t k = 1; k < Cf::kExp.size(); ++k) sum = sum * r + static_cast<float>(Cf::kExp[k]);
+  const float e = 1.0F + (r + r * r * sum);
+  const std::int32_t exponent = (std::bit_cast<std::int32_t>(shifted) << Cf::kMantissa) + (Cf::kBias << Cf::kMantissa);
+  return e * std::bit_cast<float>(exponent);
+}
+
 // What a bearing contributes beside its geometry.
 struct Density {
   double half_inverse_azimuth = 0.0;  // 1 / (2 variance)
@@ -69,6 +103,7 @@ struct Density {
   double floor = 0.0;  // relative to the largest value of the normal part
   double log_top = 0.0;
 
+  Density() = default;
   Density(const PackedBearing& b, double outlier, bool space) {
     half_inverse_azimuth = 0.5 / b.variance_azimuth;
     half_inverse_elevation = space ? 0.5 / b.variance_elevation : 0.0;
@@ -90,6 +125,39 @@ void plane_exponents(const PackedBearing& b, double half_inverse, const double* 
     const double dy = y[i] - by;
     const double error = turn_of(dy * c - dx * s, dx * c + dy * s);
     exponent[i] = error * error * half_inverse;
+  }
+}
+
+// The same in single precision but for the differences of places: twice as fast, an angle to 3e-7 rad. Taken from
+// logarithms, or as a density multiplied to products.
+struct CoarseBearing {
+  double x, y;
+  float c, s, half_inverse, floor;
+
+  CoarseBearing(const PackedBearing& b, const Density& d)
+      : x(b.x),
+        y(b.y),
+        c(static_cast<float>(b.cos_azimuth)),
+        s(static_cast<float>(b.sin_azimuth)),
+        half_inverse(static_cast<float>(d.half_inverse_azimuth)),
+        floor(static_cast<float>(d.floor)) {}
+};
+SOOPNAV_INLINE float coarse_exponent(double x, double y, const CoarseBearing& b) noexcept {
+  const auto dx = static_cast<float>(x - b.x);
+  const auto dy = static_cast<float>(y - b.y);
+  const float error = turn_of(dy * b.c - dx * b.s, dx * b.c + dy * b.s);
+  return error * error * b.half_inverse;
+}
+SOOPNAV_TARGET_CLONES_WIDE
+void subtract_coarse(CoarseBearing b, const double* __restrict x, const double* __restrict y, std::size_t n,
+                     double* __restrict logs) noexcept {
+  for (std::size_t i = 0; i < n; ++i) logs[i] -= static_cast<double>(coarse_exponent(x[i], y[i], b));
+}
+SOOPNAV_TARGET_CLONES_WIDE
+void multiply_coarse(CoarseBearing b, const double* __restrict x, const double* __restrict y, std::size_t n,
+                     double* __restrict product) noexcept {
+  for (std::size_t i = 0; i < n; ++i) {
+    product[i] *= static_cast<double>(decay(coarse_exponent(x[i], y[i], b)) + b.floor);
   }
 }
 
@@ -158,6 +226,11 @@ void roots(std::size_t n, double* values) noexcept {
 
 using Block = std::array<double, kBlock>;
 
+// Deviations above 1e-5 rad, against which 3e-7 is nothing, and floors above what single precision holds.
+bool coarse_enough(const PackedBearing& b, const Density& d, bool space) noexcept {
+  return !space && b.exact_platform() && b.variance_azimuth > 1e-10 && (d.floor == 0.0 || d.floor > 1e-25);
+}
+
 // Exponents of the places from `at` on; `shrink` is the root of the ratio of variances unless the bearing is simple.
 bool errors_of(const PackedBearing& b, const Density& d, const Places& places, std::size_t at, std::size_t n,
                Block& exponent, Block& shrink) noexcept {
@@ -188,26 +261,25 @@ void take_logs(std::size_t n, Block& product, double* logs) noexcept {
   }
 }
 
-void refuse(const std::string& text) { throw std::invalid_argument(text); }
-
-}  // namespace
-
-void add_log_likelihood(std::span<const PackedBearing> bearings, const Places& places, double outlier_probability,
-                        std::span<double> log_likelihood) noexcept {
+// Adds the bearings' logarithms, without what all places have in common, for the places from `at` on.
+void add_block(std::span<const PackedBearing> bearings, std::span<const Density> densities, const Places& places,
+               std::size_t at, std::size_t n, bool floor, double* logs) noexcept {
   const bool space = !places.z.empty();
-  const bool floor = outlier_probability > 0.0;
   Block exponent;
   Block shrink;
   Block product;
   product.fill(1.0);
-  for (std::size_t at = 0; at < log_likelihood.size(); at += kBlock) {
-    const std::size_t n = std::min(kBlock, log_likelihood.size() - at);
-    double* const logs = log_likelihood.data() + at;
-    double top = 0.0;
-    std::size_t factors = 0;
-    for (const PackedBearing& b : bearings) {
-      const Density d(b, outlier_probability, space);
-      top += d.log_top;
+  std::size_t factors = 0;
+  for (std::size_t k = 0; k < bearings.size(); ++k) {
+    const PackedBearing& b = bearings[k];
+    const Density& d = densities[k];
+    if (coarse_enough(b, d, space)) {
+      if (!floor) {
+        subtract_coarse(CoarseBearing(b, d), &places.x[at], &places.y[at], n, logs);
+        continue;
+      }
+      multiply_coarse(CoarseBearing(b, d), &places.x[at], &places.y[at], n, product.data());
+    } else {
       const bool shrunk = errors_of(b, d, places, at, n, exponent, shrink);
       if (!floor) {
         subtract(exponent.data(), n, logs);
@@ -218,19 +290,43 @@ void add_log_likelihood(std::span<const PackedBearing> bearings, const Places& p
       } else {
         multiply_density(exponent.data(), d.floor, n, product.data());
       }
-      if (++factors == kFactors) {
-        take_logs(n, product, logs);
-        factors = 0;
-      }
     }
-    if (factors > 0) take_logs(n, product, logs);
-    for (std::size_t i = 0; i < n; ++i) logs[i] += top;
+    if (++factors == kFactors) {
+      take_logs(n, product, logs);
+      factors = 0;
+    }
+  }
+  if (factors > 0) take_logs(n, product, logs);
+}
+
+void refuse(const std::string& text) { throw std::invalid_argument(text); }
+
+}  // namespace
+
+void add_log_likelihood(std::span<const PackedBearing> bearings, const Places& places, double outlier_probability,
+                        std::span<double> log_likelihood) noexcept {
+  const bool space = !places.z.empty();
+  std::array<Density, kPiece> densities;
+  for (std::size_t from = 0; from < bearings.size(); from += kPiece) {
+    const auto piece = bearings.subspan(from, std::min(kPiece, bearings.size() - from));
+    double top = 0.0;
+    for (std::size_t k = 0; k < piece.size(); ++k) {
+      densities[k] = Density(piece[k], outlier_probability, space);
+      top += densities[k].log_top;
+    }
+    const std::span<const Density> known(densities.data(), piece.size());
+    for (std::size_t at = 0; at < log_likelihood.size(); at += kBlock) {
+      const std::size_t n = std::min(kBlock, log_likelihood.size() - at);
+      add_block(piece, known, places, at, n, outlier_probability > 0.0, log_likelihood.data() + at);
+      for (std::size_t i = 0; i < n; ++i) log_likelihood[at + i] += top;
+    }
   }
 }
 
 WeightSum weigh_places(const PackedBearing& bearing, const Places& places, double outlier_probability, double scale,
                        std::span<double> weights) noexcept {
   const Density density(bearing, outlier_probability, !places.z.empty());
+  const bool coarse = density.floor > 0.0 && coarse_enough(bearing, density, !places.z.empty());
   Block exponent;
   Block shrink;
   P sums(0);
@@ -238,7 +334,9 @@ WeightSum weigh_places(const PackedBearing& bearing, const Places& places, doubl
   for (std::size_t at = 0; at < weights.size(); at += kBlock) {
     const std::size_t n = std::min(kBlock, weights.size() - at);
     double* const w = weights.data() + at;
-    if (errors_of(bearing, density, places, at, n, exponent, shrink)) {
+    if (coarse) {
+      multiply_coarse(CoarseBearing(bearing, density), &places.x[at], &places.y[at], n, w);
+    } else if (errors_of(bearing, density, places, at, n, exponent, shrink)) {
       multiply_shrunk(exponent.data(), shrink.data(), density.floor, n, w);
     } else {
       multiply_density(exponent.data(), density.floor, n, w);
@@ -265,18 +363,18 @@ void likelihood_surface(std::span<const PackedBearing> bearings, const SurfaceGr
   if (grid.columns < 2 || grid.rows < 2 || surface.size() != grid.rows * grid.columns) {
     refuse("grid: at least two columns and rows expected, and a surface of rows * columns numbers");
   }
-  const std::size_t width = (grid.columns + P::kWidth - 1) / P::kWidth * P::kWidth;
-  std::vector<double> x(width), y(width), row(width);
+  const std::size_t count = (surface.size() + P::kWidth - 1) / P::kWidth * P::kWidth;
+  std::vector<double> x(count), y(count), values(count);
   const auto place = [](double low, double high, std::size_t i, std::size_t n) {
-    return low + (high - low) * static_cast<double>(std::min(i, n - 1)) / static_cast<double>(n - 1);
+    return low + (high - low) * static_cast<double>(i) / static_cast<double>(n - 1);
   };
-  for (std::size_t i = 0; i < width; ++i) x[i] = place(grid.x_min_m, grid.x_max_m, i, grid.columns);
-  for (std::size_t j = 0; j < grid.rows; ++j) {
-    std::fill(y.begin(), y.end(), place(grid.y_min_m, grid.y_max_m, j, grid.rows));
-    std::fill(row.begin(), row.end(), 0.0);
-    add_log_likelihood(bearings, {x, y, {}}, outlier_probability, row);
-    std::copy_n(row.begin(), grid.columns, surface.begin() + static_cast<std::ptrdiff_t>(j * grid.columns));
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t at = std::min(i, surface.size() - 1);
+    x[i] = place(grid.x_min_m, grid.x_max_m, at % grid.columns, grid.columns);
+    y[i] = place(grid.y_min_m, grid.y_max_m, at / grid.columns, grid.rows);
   }
+  add_log_likelihood(bearings, {x, y, {}}, outlier_probability, values);
+  std::copy_n(values.begin(), surface.size(), surface.begin());
 }
 
 }  // namespace soopnav::navigation

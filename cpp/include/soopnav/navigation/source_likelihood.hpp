@@ -28,8 +28,9 @@ struct Places {
 /// Adds to `log_likelihood` (n) the sum over `bearings` of ln p(bearing | source at place), p = (1 - e) N + e / (2 pi),
 /// in space (1 - e) N N + e / (2 pi²), e = `outlier_probability` in [0, 1), N the normal density of the wrapped angle.
 /// At the platform's own place a direction means nothing: the angle there is that of the vector (0, 0), 0 or pi.
-/// n a multiple of 8, arrays of any alignment; variances > 0. About 3 ns for a bearing and a place in the plane with
-/// AVX2. Same bits with every instruction set. No allocation.
+/// n a multiple of 8, arrays of any alignment; variances > 0. Angles are right to 3e-7 rad in
+/// the plane where deviations are above 1e-5 rad, to 4e-12 rad otherwise. About 1 ns for a bearing and a place with
+/// AVX-512. Same bits with every instruction set. No allocation.
 void add_log_likelihood(std::span<const PackedBearing> bearings, const Places& places, double outlier_probability,
                         std::span<double> log_likelihood) noexcept;
 
