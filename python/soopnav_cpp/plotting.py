@@ -14,20 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import dsp, estimation, lte, simulation
+from soopnav_cpp._bearing_figures import bearings_over_time, polar_spectrum
 from soopnav_cpp._calibration_figures import calibration
 from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
 from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
-from soopnav_cpp._source_figures import (
-    bearings_map,
-    bearings_over_time,
-    likelihood,
-    particles,
-    polar_spectrum,
-    source_errors,
-)
+from soopnav_cpp._source_figures import bearings_map, likelihood, particles, source_errors
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from soopnav_cpp.scenarios.bearings import read_bearings
 pytest.importorskip("matplotlib")
 pytest.importorskip("sigmf")
 
+from soopnav_cpp.cli import locate_emitter
 from soopnav_cpp.cli.app import cli
 
 RATE_HZ = 1e6
@@ -49,6 +50,7 @@ def roof(tmp_path: Path) -> Path:
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without figures, which take most of the time."""
+    monkeypatch.setattr(locate_emitter, "figures", lambda _result, _folder: [])
     for name in ("polar_spectrum", "bearings_over_time"):
         monkeypatch.setattr(plotting, name, lambda *_, path, **__: Path(path).write_bytes(b"\x89PNG"))
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from soopnav_cpp import _source_figures
 from soopnav_cpp.scenarios.bearings import read_bearings
 
 pytest.importorskip("matplotlib")
@@ -31,6 +32,18 @@ def run(*arguments: object, code: int = 0) -> Result:
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without figures, which take most of the time."""
     monkeypatch.setattr(locate_emitter, "figures", lambda _result, _folder: [])
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, but not their pixels."""
+
+    def save(figure: object, path: Path | None) -> object:
+        if path is not None:
+            Path(path).write_bytes(b"\x89PNG")
+        return figure
+
+    monkeypatch.setattr(_source_figures, "_save", save)
 
 
 def csv_of(path: Path, lines: list[str]) -> Path:
@@ -163,6 +176,7 @@ def test_three_dimensions(tmp_path: Path) -> None:
     assert "no elevations; --dimensions 3 needs a column" in result.stderr
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_several_emitters_by_name(tmp_path: Path) -> None:
     other = np.array([-120.0, -400.0])
     lines = [f"A,{line}" for line in drive(8, seed=1)] + [f"B,{line}" for line in drive(8, seed=2, emitter=other)]
@@ -192,6 +206,7 @@ def test_several_emitters_without_names(tmp_path: Path) -> None:
         assert min(np.linalg.norm(place - right) for place in places) < 25.0
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_all_from_one_place(tmp_path: Path) -> None:
     """A line, said and drawn, and exit code 2; every file is there all the same."""
     path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", *(f"0,0,{b},1" for b in (44, 46, 45, 45.5))])

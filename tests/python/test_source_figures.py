@@ -30,6 +30,15 @@ def test_a_spectrum_is_drawn_in_decibels_below_its_top(tmp_path):
     assert "−80.0°" in figure.texts[-1].get_text()
 
 
+def test_a_spectrum_of_a_line_has_its_mirror_image():
+    half = np.radians(np.arange(0.0, 181.0, 5.0))
+    (axes,) = plotting.polar_spectrum(half, 1.0 + np.arange(37.0)).axes
+    curve, mirror = axes.get_lines()
+    np.testing.assert_array_equal(curve.get_xdata(), half)
+    np.testing.assert_array_equal(mirror.get_xdata(), -half)
+    np.testing.assert_array_equal(mirror.get_ydata(), curve.get_ydata())
+
+
 def test_a_spectrum_with_elevations_is_a_map_of_the_sky():
     power = np.ones((19, 72))
     power[6, 30] = 10.0

@@ -13,12 +13,13 @@ from click.testing import CliRunner
 
 from soopnav_cpp import scenarios
 from soopnav_cpp.config import ConfigError
-from soopnav_cpp.scenarios import metrics, report
+from soopnav_cpp.scenarios import base, metrics, report
 from soopnav_cpp.scenarios.bearings import rotations
+from soopnav_cpp.scenarios.emitters import solve
 from soopnav_cpp.scenarios.execution import execute, seed_of_run
 from soopnav_cpp.scenarios.source_localization import EXAMPLE, SourceLocalization, SourceLocalizationScenario
 from soopnav_cpp.scenarios.source_localization_figures import share_of_bins
-from soopnav_cpp.scenarios.source_localization_pipeline import emitters_at, hear, path_of, route
+from soopnav_cpp.scenarios.source_localization_pipeline import emitters_at, groups, hear, path_of, route
 
 ROOT = Path(__file__).parents[2]
 WAYPOINTS = [[-300.0, -120.0], [120.0, -120.0], [120.0, 300.0]]
@@ -197,7 +198,8 @@ def test_bins_of_distance() -> None:
 # ---- reports and the gallery
 
 
-def test_a_report_of_a_run(tmp_path: Path) -> None:
+def test_a_report_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that soopnav run leaves, and the figures of the system itself."""
     path = tmp_path / "s.toml"
     path.write_text(EXAMPLE.replace("240.0", "60.0").replace("120.0", "30.0"), encoding="utf-8")
     system, scenario = scenarios.load(path)
@@ -205,12 +207,18 @@ def test_a_report_of_a_run(tmp_path: Path) -> None:
     changed = scenario.model_copy(update={"link": scenario.link.model_copy(update={"excess_loss_db": 10.0})})
     results = report.results_of(path, system, changed, execute(system, changed))
     assert results is not None
-    file = report.write(results, tmp_path / "out")
-    text = file.read_text(encoding="utf-8")
-    assert "Bearings on the map with the positions found" in text
-    assert "found" in text
     assert results.pooled["position"]["final_m"] < 10.0
     assert set(results.pooled["baselines"]) == {"particle", "stansfield"}
+    drawn = base.figures_of(system, changed, results.run)
+    assert [caption.split()[0] for caption in drawn] == [
+        "Bearings", "Errors", "Distance", "Likelihood", "Particles", "Spatial",
+    ]  # fmt: skip
+    curves = {line.get_label() for line in drawn["Distance from the truth over time, by method"].axes[0].get_lines()}
+    assert {"ml", "particle", "stansfield", "1σ stated", "Cramér–Rao bound"} <= curves
+    monkeypatch.setattr(report, "_figures", lambda *_: [])
+    text = report.write(results, tmp_path / "out").read_text(encoding="utf-8")
+    assert "positions and ellipses over time are those of ml for emitter" in text
+    assert {p.name for p in (tmp_path / "out").iterdir()} >= {"trajectory.tum", "trajectory.geojson", "metrics.json"}
 
 
 @pytest.mark.parametrize("name", ["carter_drive", "carter_moving", "carter_two"])
@@ -219,6 +227,17 @@ def test_the_gallery_is_read(name: str) -> None:
     assert isinstance(system, SourceLocalization)
     assert isinstance(scenario, SourceLocalizationScenario)
     assert len(path_of(scenario).t_s) > 100
+    assert scenario.title
+    heard = hear(scenario, 5)
+    parts, _ = groups(scenario, heard)
+    assert list(parts) == list(scenario.emitter_names)
+    for emitter, part in parts.items():
+        one = solve(
+            emitter, part, [scenario.locator.method], moving=scenario.locator.moving, history=False, extras=False
+        )
+        assert one.truth_m is not None
+        off = np.asarray(one.fix.position_m) - one.truth_m[:2]
+        assert off @ np.linalg.solve(np.asarray(one.fix.covariance_m2), off) < 40.0  # chi-square of two: 2e-9
 
 
 def test_the_same_through_the_other_door(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,7 +118,7 @@ def locate(
         raise ValueError(f"{path}: no elevations; --dimensions 3 needs a column bearing_elevation_deg or elevation_deg")
     return _solved(
         path,
-        path.stem,
+        f"What {path.name} points at",
         data,
         methods,
         dimensions=dimensions,
@@ -513,9 +513,7 @@ def write_report(result: Result, folder: Path) -> Path:
     report = folder / "report.html"
     report.write_text(
         page(
-            f"{result.title}: emitter"
-            if len(result.emitters) == 1
-            else f"{result.title}: {len(result.emitters)} emitters",
+            result.title,
             under=f"{result.path.name}: {len(result.data)} bearings from {result.data.t_s[0]:g} to "
             f"{result.data.t_s[-1]:g} s",
             lead=f"{lines[0][:1].upper()}{lines[0][1:]}.",

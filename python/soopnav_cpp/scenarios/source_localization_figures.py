@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp import plotting
+from soopnav_cpp import navigation, plotting
 from soopnav_cpp._drawing import _COLOURS, _INK, _figure, _style
 from soopnav_cpp.scenarios.emitters import has_position
 
@@ -85,6 +85,21 @@ def _histories(emitter: Any) -> tuple[Array, dict[str, Array], Array]:
     return main.t_s, curves, stated
 
 
+def _bound(emitter: Any, time: Array) -> Array:
+    """Root of the trace of the Cramér-Rao bound at these times, from what is stated of the bearings."""
+    data = emitter.data
+    bound = navigation.source_crlb(
+        data.position_m[:, :2], emitter.truth_m[:2], data.sigma_rad, times=data.t_s,
+        heading_sigma_rad=0.0 if data.heading_sigma_rad is None else data.heading_sigma_rad,
+        position_covariance=None
+        if data.position_sigma_m is None
+        else np.square(data.position_sigma_m)[:, None, None] * np.eye(2),
+    )  # fmt: skip
+    total = np.trace(bound, axis1=1, axis2=2)
+    last = np.searchsorted(data.t_s, time + 1e-9) - 1
+    return np.where(np.isfinite(total[last]) & (total[last] > 0.0), np.sqrt(np.abs(total[last])), np.nan)
+
+
 def figures(scenario: SourceLocalizationScenario, run: EmitterRun) -> dict[str, Figure]:
     """All that there is to see, by caption."""
     heard, data = run.heard, run.heard.data
@@ -110,7 +125,7 @@ def figures(scenario: SourceLocalizationScenario, run: EmitterRun) -> dict[str, 
         if one.method in one.histories and one.data.truth_m is not None:
             time, curves, stated = _histories(one)
             found[f"Distance{name} from the truth over time, by method"] = plotting.source_errors(
-                time, curves, sigma_m=stated
+                time, curves, sigma_m=stated, bound_m=None if scenario.locator.moving else _bound(one, time)
             )
         if one.surface is not None:
             found[f"Likelihood of places{name} from all bearings"] = plotting.likelihood(

@@ -448,7 +448,7 @@ def to_run(scenario: SourceLocalizationScenario, heard: Heard, located: list[Emi
     position, covariance = main.position_m[at], main.covariance_m2[at]
     assert data.truth_m is not None  # of a simulation
     right = np.column_stack([np.interp(t_s, data.t_s, column) for column in data.truth_m.T[:d]])
-    notes = list(heard.notes)
+    notes = [f"positions and ellipses over time are those of {emitter.method} for {name}", *heard.notes]
     missing = [one for one in scenario.emitter_names if one not in {each.name for each in located}]
     if missing:
         notes.append(f"not found: {', '.join(missing)}")
