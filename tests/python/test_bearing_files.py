@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv as _csv
 import json
 import math
 from pathlib import Path
@@ -9,6 +10,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from soopnav_cpp.geometry import LocalFrame
 from soopnav_cpp.scenarios.bearings import (
@@ -155,6 +158,7 @@ def test_what_is_written_reads_back(tmp_path: Path, on_earth: bool) -> None:
         ("x_m,y_m,bearing_deg,sigma_deg\n0,0,1\n", ":2: 4 cells expected, got 3"),
         ("x_m,y_m,bearing_deg,elevation_deg,sigma_deg\n0,0,1,91,1\n", "elevation: 91: between −90° and 90°"),
         ("latitude_deg,longitude_deg,bearing_deg,sigma_deg\n91,0,1,1\n", "latitude: 91: at most 90"),
+        ("latitude_deg,longitude_deg,height_m,bearing_deg,sigma_deg\n9,9,1e7,1,1\n", "height: 1e.07: at most 1000 km"),
         ("latitude_deg,x_m,y_m,bearing_deg,sigma_deg\n1,0,1,1,1\n", "one kind of position expected"),
         ("x_m,y_m,bearing_deg,sigma_deg,status\n0,0,1,1,no_source\n", "no row with status ok"),
         ("x_m,y_m,bearing_deg,bearing_rad,sigma_deg\n0,0,1,1,1\n", "bearing_rad: given as bearing_deg already"),
@@ -172,6 +176,88 @@ def test_rows_that_cannot_be_used_may_be_left_out(tmp_path: Path) -> None:
     assert "b.csv:3: bearing_deg: nan" in data.dropped[0]
     one = read_bearings(csv(tmp_path, "x_m,y_m,bearing_deg\n0,0,1\n"), sigma_rad=0.1)
     assert one.sigma_rad.tolist() == [0.1]
+
+
+_CELLS = st.one_of(
+    st.sampled_from(
+        ["", "0", "-1", "12.5", "1e308", "-1e308", "nan", "inf", "north", "ok", "no_source", "#", '"', "90", "361"]
+    ),
+    st.floats().map(str),
+    st.text(max_size=4),
+)
+_NAMES = st.sampled_from(
+    [
+        *("time_s", "z_m", "height_m", "bearing_deg", "azimuth_deg", "heading_deg", "elevation_deg", "sigma_deg"),
+        *(
+            "sigma_position_m",
+            "sigma_heading_deg",
+            "emitter",
+            "status",
+            "snr_db",
+            "truth_x_m",
+            "truth_y_m",
+            "pitch_deg",
+        ),
+        *("x_m", "y_m", "latitude_deg", "longitude_deg", "bearing", "x"),
+    ]
+)
+_NEEDED = st.sampled_from(
+    [
+        ["x_m", "y_m", "bearing_deg", "sigma_deg"],
+        ["latitude_deg", "longitude_deg", "height_m", "bearing_deg", "sigma_deg"],
+        ["time_s", "x_m", "y_m", "heading_deg"],
+        ["time_s", "latitude_deg", "longitude_deg", "height_m", "heading_deg"],
+        [],
+    ]
+)
+
+
+@pytest.mark.fuzz
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    needed=_NEEDED,
+    more=st.lists(_NAMES, max_size=4),
+    rows=st.lists(st.lists(_CELLS, max_size=7), max_size=4),
+    repair=st.booleans(),
+)
+def test_any_file_is_read_or_refused(
+    tmp_path: Path, needed: list[str], more: list[str], rows: list[list[str]], repair: bool
+) -> None:
+    """Whatever a file holds: finite bearings, or a sentence."""
+    path = tmp_path / "any.csv"
+    names = needed + more
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = _csv.writer(file)
+        writer.writerow(names)
+        writer.writerows([*row, *["1"] * len(names)][: len(names)] for row in rows)
+    for read in (lambda: read_bearings(path, repair=repair), lambda: read_poses(path)):
+        try:
+            data = read()
+        except RecordingError as error:
+            assert str(error).startswith(str(path))
+            continue
+        assert np.isfinite(data.position_m).all()
+        assert len(data.t_s) >= 1
+        assert np.all(np.diff(data.t_s) >= 0.0)
+        if isinstance(data, BearingsData):
+            assert np.isfinite(data.bearing_rad).all()
+            assert (data.sigma_rad > 0.0).all()
+        else:
+            np.testing.assert_allclose(np.linalg.norm(data.quaternion_wxyz, axis=1), 1.0)
+
+
+@pytest.mark.fuzz
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=60) | st.lists(_CELLS, max_size=16).map(lambda cells: " ".join(cells).encode()))
+def test_any_tum_is_read_or_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "any.tum"
+    path.write_bytes(content)
+    try:
+        poses = read_poses(path)
+    except RecordingError as error:
+        assert str(error).startswith(str(path))
+        return
+    assert np.isfinite(poses.position_m).all()
 
 
 # ---- poses

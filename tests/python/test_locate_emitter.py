@@ -233,6 +233,20 @@ def test_parallel_bearings(tmp_path: Path) -> None:
     assert "no position" in shown
 
 
+@pytest.mark.usefixtures("unrendered")
+def test_bearings_that_contradict_each_other(tmp_path: Path) -> None:
+    """Opposite bearings along one line: no place between infinities is called a position; every file is written."""
+    lines = ["0,0,90,1", "1,0,270,1", "2,0,90,1", "5,0,90,1"]
+    path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", *lines])
+    shown = run("locate-emitter", path, "--method", "all", "--out", tmp_path / "out", code=2).stdout
+    assert "no position" in shown
+    assert (tmp_path / "out" / "report.html").exists()
+    # Bearings to a place and one that points elsewhere: a position, and a word of caution.
+    lines = ["0,0,0,1", "0,100,180,1", "50,50,270,1", "20,10,10,1"]
+    path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", *lines])
+    assert "caution" in run("locate-emitter", path, "--out", tmp_path / "out").stdout
+
+
 @pytest.mark.usefixtures("plain")
 def test_one_bearing(tmp_path: Path) -> None:
     path = csv_of(tmp_path / "b.csv", ["x_m,y_m,bearing_deg,sigma_deg", "0,0,10,1"])

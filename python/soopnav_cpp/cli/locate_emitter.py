@@ -200,6 +200,11 @@ def place(data: BearingsData, position_m: npt.ArrayLike, sigma_m: float, dimensi
     return line if dimensions == 2 else f"{line}  up {text.plain(position[2], digits)} m"
 
 
+def _length(length_m: float) -> str:
+    """As `text.metres`, kilometres from ten on."""
+    return text.metres(length_m) if length_m < 1e4 else f"{length_m / 1e3:.0f} km"
+
+
 def _ellipse(fix: Any) -> dict[str, float] | None:
     """Of 95 % probability."""
     matrix = np.asarray(fix.covariance_m2, dtype=np.float64)[:2, :2]
@@ -249,15 +254,15 @@ def describe(result: Result, emitter: Emitter) -> str:
     words = f"{emitter.name}: {place(result.data, fix.position_m, _sigma(fix), result.dimensions)}"
     if ellipse is not None:
         words += (
-            f"  95 % within {text.metres(ellipse['semi_major_m'])} × {text.metres(ellipse['semi_minor_m'])} "
+            f"  95 % within {_length(ellipse['semi_major_m'])} × {_length(ellipse['semi_minor_m'])} "
             f"(long axis {ellipse['azimuth_deg']:.0f}°)"
         )
     if math.isfinite(fix.cep_m):
-        words += f"  CEP {text.metres(fix.cep_m)}"
+        words += f"  CEP {_length(fix.cep_m)}"
     words += f"  from {n} bearings by {emitter.method}"
     error = emitter.error_m(emitter.method)
     if error is not None:
-        words += f"; {text.metres(error)} from the truth"
+        words += f"; {_length(error)} from the truth"
     if status_word(fix) != "converged":
         words += f"; caution: {str(fix.message).rstrip('.')}"
     return words
@@ -285,14 +290,13 @@ def _row(result: Result, emitter: Emitter, method: str) -> list[str]:
         place(result.data, fix.position_m, _sigma(fix), result.dimensions) if good else dash,
         dash
         if ellipse is None
-        else f"{text.metres(ellipse['semi_major_m'])} × {text.metres(ellipse['semi_minor_m'])}, "
-        f"{ellipse['azimuth_deg']:.0f}°",
-        text.metres(fix.cep_m) if good and math.isfinite(fix.cep_m) else dash,
+        else f"{_length(ellipse['semi_major_m'])} × {_length(ellipse['semi_minor_m'])}, {ellipse['azimuth_deg']:.0f}°",
+        _length(fix.cep_m) if good and math.isfinite(fix.cep_m) else dash,
         status_word(fix).replace("_", " "),
     ]
     if result.data.truth_m is not None:
         error = emitter.error_m(method)
-        cells.append(dash if error is None else text.metres(error))
+        cells.append(dash if error is None else _length(error))
     return cells
 
 

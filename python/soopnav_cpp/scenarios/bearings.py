@@ -43,6 +43,8 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 _DECIBEL = {"db": 1.0, "dbm": 1.0}
 _USED = ("", "ok", "accepted")
+_MOST_HEIGHT_M = 1e6
+_MOST_LENGTH_M = 1e8  # beyond it nothing of an ellipse in metres is left
 _DIRECTION_M = 1000.0  # length of the arm that turns a bearing into the map's axes
 
 #: Meaning of each column of a file of bearings, with its units.
@@ -249,6 +251,10 @@ def _check_places(path: Path, rows: Sequence[_Row], values: Mapping[str, Array],
         if name in values:
             for k in np.flatnonzero(np.abs(values[name]) > math.radians(limit) + 1e-12).tolist():
                 mistakes.add(rows[k].line, f"{name}: {math.degrees(values[name][k]):g}: at most {limit:g}° expected")
+    for name, limit in ((f"{prefix}height", _MOST_HEIGHT_M), *((f"{prefix}{axis}", _MOST_LENGTH_M) for axis in "xyz")):
+        value = values.get(name, np.zeros(0))
+        for k in np.flatnonzero(np.abs(value) > limit).tolist():
+            mistakes.add(rows[k].line, f"{name}: {value[k]:g}: at most {limit / 1e3:g} km expected")
     mistakes.refuse()
 
 

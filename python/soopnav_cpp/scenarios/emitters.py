@@ -34,6 +34,7 @@ MOVING_METHODS = ("ml", "least_squares", "ekf_bank", "ekf")
 _MOST_EPOCHS = 400  # of a history: more bearings than that are taken in groups
 _FILTERS = ("ekf", "ekf_bank", "particle", "linear", "centroid", "incenter")  # whose steps cost the same however many
 _BANK_SIGMA_RAD = math.radians(10.0)  # of a bearing that starts a bank
+_ANYWHERE_M = 1e7  # a deviation that says nothing
 _SURFACE = 121  # points along a side
 _WITH_POSITION = ("converged", "inconsistent", "not_converged")
 
@@ -114,8 +115,11 @@ def status_word(fix: Any) -> str:
 
 
 def has_position(fix: Any) -> bool:
-    """Whether a fix is a position to rely on as far as its ellipse says."""
-    return status_word(fix) in _WITH_POSITION and bool(np.isfinite(np.asarray(fix.position_m, np.float64)).all())
+    """Whether a fix is a position to rely on as far as its ellipse says, and its ellipse says anything."""
+    if status_word(fix) not in _WITH_POSITION or not np.isfinite(np.asarray(fix.position_m, np.float64)).all():
+        return False
+    total = float(np.trace(np.asarray(fix.covariance_m2, np.float64)))
+    return not total > _ANYWHERE_M**2  # NaN: a method that states none
 
 
 def _angles(data: BearingsData, dimensions: int) -> tuple[Array, Array]:
