@@ -152,6 +152,23 @@ def test_poses_make_true_bearings_that_are_located(tmp_path: Path, roof: Path) -
 
 
 @pytest.mark.usefixtures("plain")
+def test_poses_on_the_earth(tmp_path: Path, roof: Path) -> None:
+    """Latitudes and longitudes go through, and the bearings are against the north of their own place."""
+    path = capture(tmp_path, "x", samples(roof, snr_db=20.0, n=5000))
+    poses = tmp_path / "poses.csv"
+    poses.write_text("time_s,latitude_deg,longitude_deg,heading_deg\n0,60,10,100\n0.004,60,12,100\n", encoding="utf-8")
+    run("df", path, "--array", roof, "--poses", poses, "--out", tmp_path / "out")
+    for row, longitude in zip(rows(tmp_path / "out"), (10.625, 11.875), strict=True):
+        assert float(row["longitude_deg"]) == pytest.approx(longitude, abs=2e-3)
+        assert float(row["latitude_deg"]) == pytest.approx(60.0, abs=0.02)
+        # 40° to the left of a heading of 100°; between two poses the way is straight, and so north turns.
+        assert float(row["bearing_deg"]) == pytest.approx(60.0, abs=2.0 + 5.0 * float(row["sigma_bearing_deg"]))
+    data = read_bearings(tmp_path / "out" / "bearings.csv")
+    assert data.frame is not None
+    assert "emitter.kml" not in {p.name for p in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.usefixtures("plain")
 def test_blocks_and_several_captures(tmp_path: Path, roof: Path) -> None:
     """Without a datetime captures follow each other; --every-s leaves samples out; --json prints JSON alone."""
     paths = [capture(tmp_path, name, samples(roof, seed=k)) for k, name in enumerate("ab")]
