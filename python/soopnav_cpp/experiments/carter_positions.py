@@ -157,7 +157,8 @@ def positions(lab: Lab) -> Iterator[Claim]:
     yield Claim("worst error without noise, position and clock", float(np.abs(exact).max()), at_most(1e-3, "m"))
     # Each component over DOP times sigma is standard normal, the epochs independent: 4.9 standard deviations.
     normalized = errors / sigmas
-    width = 4.9 * np.sqrt(2.0 / n)
+    width = np.ceil(4.9e3 * np.sqrt(2.0 / n)) / 1e3
+    shift = np.ceil(4.5e3 / np.sqrt(n)) / 1e3
     for i, name in enumerate(("east", "north", "up", "clock")):
         yield Claim(
             f"{name}: mean square error over (DOP σ)², {n} epochs",
@@ -167,12 +168,12 @@ def positions(lab: Lab) -> Iterator[Claim]:
         yield Claim(
             f"{name}: mean error over DOP σ",
             float(np.mean(normalized[:, i])),
-            band(-4.5 / np.sqrt(n), 4.5 / np.sqrt(n)),
+            band(-shift, shift),
         )
     # The square of an epoch's length spreads by at most sqrt(2) of its mean.
     slack = max(5.2 * np.sqrt(2.0 * np.sum(p**4)) / np.sum(p**2) / 2.0 for p, _ in bins)
     yield Claim(
         "rms position error over PDOP σ in each eighth of the epochs by PDOP: least and most",
         (float((measured / predicted).min()), float((measured / predicted).max())),
-        band(1.0 - slack, 1.0 + slack),
+        band(1.0 - np.ceil(1e3 * slack) / 1e3, 1.0 + np.ceil(1e3 * slack) / 1e3),
     )
