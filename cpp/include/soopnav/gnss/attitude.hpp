@@ -90,7 +90,7 @@ struct AttitudeFix {
 /// Attitude of one epoch by non-linear least squares: Gauss-Newton on the rotation vector, from `start` or from a
 /// closed form (the baselines as vectors of the reference, then Wahba's problem by its quaternion; doc/attitude.md
 /// eq. 16 to 18). `directions`: u_s, as many as `path` has columns; one that is no unit vector is left out. The minimum
-/// is that of the paper's Euler angles (3.19 to 3.21). Does not allocate; 3 us for 2 baselines and 8 satellites.
+/// is that of the paper's Euler angles (3.19 to 3.21). Does not allocate; 5 us for 2 baselines and 8 satellites.
 [[nodiscard]] AttitudeFix attitude_fix(const AttitudeModel& model, std::span<const Eigen::Vector3d> directions,
                                        const PathDifferences& path,
                                        const std::optional<Eigen::Quaterniond>& start = std::nullopt) noexcept;
