@@ -181,6 +181,38 @@ def test_blocks_and_several_captures(tmp_path: Path, roof: Path) -> None:
 
 
 @pytest.mark.usefixtures("plain")
+def test_deviations_of_a_weak_signal(tmp_path: Path, roof: Path) -> None:
+    """At −18 dB a block's own eigenvalues promise too much; averaged over eleven they do not."""
+    iq = samples(roof, 40.0, 10.0, snr_db=-18.0, n=160 * 500, seed=3)
+    path = capture(tmp_path, "weak", iq)
+    spread: dict[int, float] = {}
+    for smooth in (1, 11):
+        out = tmp_path / f"out{smooth}"
+        run("df", path, "--array", roof, "--block-samples", 500, "--smooth", smooth, "--out", out)
+        found = rows(out)
+        off = np.array([(float(row["azimuth_deg"]) - 40.0 + 180.0) % 360.0 - 180.0 for row in found])
+        sigma = np.array([float(row["sigma_azimuth_deg"]) for row in found])
+        assert len(off) == 160
+        spread[smooth] = float(np.sqrt(np.mean(off**2)) / np.median(sigma))
+    assert spread[1] > 4.0 * spread[11]
+    assert 0.7 < spread[11] < 1.4
+    for arguments, sentence in (
+        (["--smooth", 4], "--smooth 4: an odd number of blocks expected"),
+        (["--smooth", 5, "--sources", 2], "--smooth 5: eigenvalues tell deviations of one source"),
+    ):
+        result = run("df", path, "--array", roof, *arguments, "--out", tmp_path / "o", code=2)
+        assert sentence in result.stderr
+
+
+@pytest.mark.usefixtures("plain")
+def test_noise_has_no_direction(tmp_path: Path, roof: Path) -> None:
+    iq = samples(roof, snr_db=-60.0, n=5000)
+    path = capture(tmp_path, "noise", iq)
+    result = run("df", path, "--array", roof, "--sources", "auto", "--out", tmp_path / "out", code=2)
+    assert "no bearing in 2 blocks: 2 no source" in result.stdout
+
+
+@pytest.mark.usefixtures("plain")
 def test_two_sources(tmp_path: Path, roof: Path) -> None:
     """Two directions in each block, whether their number is given or counted."""
     iq = samples(roof, [40.0, -100.0], [30.0, 30.0], snr_db=20.0, n=5000)

@@ -184,6 +184,7 @@ def find(
     poses: Path | None,
     start_s: float,
     elevation_min_deg: float,
+    smooth: int,
     step: Steps,
 ) -> Found:
     """Read, calibrate, and find directions block by block.
@@ -198,6 +199,10 @@ def find(
     elements = len(geometry.positions_m)
     if sources is not None and not 1 <= sources < elements:
         raise ValueError(f"--sources {sources}: 1 … {elements - 1} expected with {elements} elements")
+    if smooth > 1 and sources != 1:
+        raise ValueError(f"--smooth {smooth}: eigenvalues tell deviations of one source, --sources 1")
+    if smooth % 2 == 0:
+        raise ValueError(f"--smooth {smooth}: an odd number of blocks expected")
     correction = None
     calibration = calibration or _own_calibration(array_path)
     if calibration is not None:
@@ -207,6 +212,7 @@ def find(
         python_warnings.simplefilter("always", array.AmbiguityWarning)
         finder = array.DirectionFinder(manifold, n_sources=sources, method=method, elevation_min_deg=elevation_min_deg)
     rows: list[_Row] = []
+    eigenvalues: list[Array] = []
     warnings = _array_warnings(geometry) + [str(one.message) for one in said]
     best: _Best | None = None
     first: str | None = None
@@ -242,7 +248,7 @@ def find(
         for begin in starts.tolist():
             block = np.ascontiguousarray(iq[:, begin : begin + samples])
             time_s = begin_s + (begin + 0.5 * samples) / rate_hz
-            best = _block(rows, block, time_s, finder, best)
+            best = _block(rows, eigenvalues, block, time_s, finder, best)
     step("drawing")
     found = Found(
         captures=list(captures),
@@ -260,6 +266,9 @@ def find(
         status=[row[6] for row in rows],
         warnings=list(dict.fromkeys(warnings)),
     )
+    if smooth > 1:
+        step("working out deviations")
+        found.covariance_rad2 = _smoothed(found, np.array(eigenvalues), smooth)
     if way is not None:
         found.poses = way.at(found.t_s)
     if best is not None:
@@ -271,12 +280,19 @@ def find(
 
 
 def _block(
-    rows: list[_Row], block: npt.NDArray[np.complex64], time_s: float, finder: Any, best: _Best | None
+    rows: list[_Row],
+    eigenvalues: list[Array],
+    block: npt.NDArray[np.complex64],
+    time_s: float,
+    finder: Any,
+    best: _Best | None,
 ) -> _Best | None:
     """Append the block's bearings, or why there are none; returns the block with the highest SNR so far."""
     heard = finder.estimate(block)
     word = str(getattr(heard.status, "name", heard.status)).lower()
     count = len(heard.azimuth_rad)
+    known = len(heard.eigenvalues) == len(block)
+    eigenvalues.append(heard.eigenvalues if known else np.full(len(block), np.nan))
     if not count:
         rows.append((time_s, 0, math.nan, math.nan, np.full((2, 2), np.nan), math.nan, word))
         return best
@@ -288,6 +304,18 @@ def _block(
         if k == 0 and word == "ok" and not math.isnan(snr_db) and (best is None or snr_db > best[0]):
             best = (snr_db, block, len(rows) - 1, count)
     return best
+
+
+def _smoothed(found: Found, eigenvalues: Array, blocks: int) -> Array:
+    """Covariances from eigenvalues averaged over blocks and a Monte-Carlo of the array (carter 5.3), with one row per
+    block: what a single block says of itself promises too much where the signal is weak."""
+    table = array.SigmaMap.build(found.manifold, found.block_samples, seed=0)
+    ratio = table.smooth(eigenvalues, epochs=blocks)
+    covariance = np.zeros_like(found.covariance_rad2)
+    for k, of in enumerate(("azimuth", "elevation")):
+        covariance[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64))
+    covariance[~found.good] = np.nan
+    return covariance
 
 
 # ---- what is said of it

@@ -43,6 +43,13 @@ __all__ = ["df", "locate_emitter"]
     metavar="DEG",
     help="Looked for.  [default: 0]",
 )
+@click.option(
+    "--smooth",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="BLOCKS",
+    help="Deviations from eigenvalues averaged over so many blocks, an odd number.  [default: 1, of each block's own]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of the report.  [default: NAME.df]")
 @sentences
@@ -58,6 +65,7 @@ def df(
     sources: str,
     method: str,
     elevation_min_deg: float,
+    smooth: int,
     as_json: bool,
     out: Path | None,
 ) -> None:
@@ -100,6 +108,7 @@ def df(
             poses=poses,
             start_s=start_s,
             elevation_min_deg=elevation_min_deg,
+            smooth=smooth,
             step=step,
         )
         folder = out if out is not None else Path(f"{captures[0].stem}.df")
