@@ -272,6 +272,25 @@ def test_drive_measured_with_and_without_samples():
         assert np.all(np.diff(found.eigenvalues, axis=1) <= 0)
 
 
+def test_drive_through_receivers_with_faults():
+    """carter figs. 5.4 and 5.8: useless as they are, as good as without faults once calibrated."""
+    drive, geometry = emitter_drive(epochs=40, leg_m=100.0), square()
+    link, finder = ArrayLink(geometry), array.DirectionFinder(geometry)
+    faults = {"gain": np.exp(1j * np.array([0.0, 2.0, -2.5, 1.0])), "iq_gain_db": 2.0, "iq_phase_rad": 0.17}
+    front_end = FrontEnd(4, **faults, adc_bits=12)
+    level = 10 ** ((front_end.noise_floor_dbm + 33.0) / 20)
+    tone = level * np.exp(2j * np.pi * 0.05 * np.arange(10_000)) * np.ones((4, 1))
+    calibration = array.calibrate(front_end.apply(tone.astype(np.complex64), seed=1), 20e6, 1e6, geometry)
+    wrong, right = (
+        np.abs(measure(drive, link, finder, seed=1, front_end=front_end, calibration=made).errors(drive)[0]).max()
+        for made in (None, calibration)
+    )
+    assert right < math.radians(2.0)
+    assert wrong > math.radians(30.0)
+    with pytest.raises(ValueError, match="generated_iq: False; a front end and its calibration need samples"):
+        measure(drive, link, finder, seed=1, generated_iq=False, front_end=front_end)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [({"epochs": 1}, "epochs: 1"), ({"leg_m": 0.0}, "leg_m: 0"), ({"height_m": math.inf}, "height_m: inf")],
