@@ -290,13 +290,20 @@ class DirectionFinder:
         return Bearings(**{**vars(found), "spectrum": self.spectrum(matrix, max(1, len(found)))})
 
     def spectrum(self, R: npt.ArrayLike, n_sources: int | None = None) -> Reals:
-        """Unnormalised spectrum over the grid in double precision, shape (E, A); the fits show MUSIC's."""
+        """Unnormalised spectrum over the grid in double precision, shape (E, A); the fits show MUSIC's.
+
+        0 where a measured manifold does not reach.
+        """
         matrix = np.asarray(R, dtype=np.complex128)
         if self._forward_backward:
             matrix = _array.forward_backward(matrix)
         kind = self.method if self.method in ("capon", "bartlett") else "music"
-        values = _array.spectrum(kind, matrix, self.table.steering(), n_sources or self.n_sources or 1, self._loading)
-        return values.reshape(len(self.table.elevation_rad), len(self.table.azimuth_rad))
+        elevation, azimuth = np.meshgrid(self.table.elevation_rad, self.table.azimuth_rad, indexing="ij")
+        reached = self.manifold.reaches(azimuth, elevation)
+        steering = self.manifold.steering(azimuth[reached], elevation[reached], self.table.frequency_hz)
+        values = np.zeros(azimuth.shape)
+        values[reached] = _array.spectrum(kind, matrix, steering, n_sources or self.n_sources or 1, self._loading)
+        return values
 
     def track(self, iq: npt.NDArray[np.complex64], block: int, hop: int | None = None) -> BearingRun:
         """Directions in successive blocks of `block` snapshots, `hop` apart (`block` without one)."""

@@ -235,6 +235,23 @@ class Manifold:
         kind = "ideal" if self.ideal else "measured" if self._grid is not None else "with errors"
         return f"Manifold({kind}, {self.geometry!r})"
 
+    def reaches(self, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike = 0.0) -> npt.NDArray[np.bool_]:
+        """Whether responses are there for directions, broadcast against each other; always for what is not measured."""
+        azimuth, elevation = np.broadcast_arrays(
+            np.asarray(azimuth_rad, dtype=np.float64), np.asarray(elevation_rad, dtype=np.float64)
+        )
+        inside = np.isfinite(azimuth) & np.isfinite(elevation)
+        if self._grid is None:
+            return np.asarray(inside)
+        _, columns, rows, _ = self._grid
+        inside &= (elevation >= rows[0] - 1e-9) & (elevation <= rows[-1] + 1e-9)
+        turn = 2.0 * np.pi
+        if columns[-1] - columns[0] + (columns[1] - columns[0]) < turn * (1.0 - 1e-9):
+            offset = np.mod(azimuth - columns[0] + 1e-9, turn)
+            pole = np.abs(elevation) > np.pi / 2 - 1e-9
+            inside &= pole | (offset <= columns[-1] - columns[0] + 2e-9)
+        return np.asarray(inside)
+
     def steering(
         self, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike = 0.0, frequency_hz: float | None = None
     ) -> Complexes:

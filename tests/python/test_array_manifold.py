@@ -114,6 +114,27 @@ def test_manifold_files(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose([found.azimuth_rad[0], found.elevation_rad[0]], [0.4, 0.7], atol=2e-3)
 
 
+def test_a_measured_sector_is_all_that_is_searched() -> None:
+    geometry = ArrayGeometry.uca(5, 0.4)
+    azimuth, elevation = np.deg2rad(np.arange(-60.0, 61.0, 5.0)), np.deg2rad(np.arange(10.0, 71.0, 5.0))
+    el, az = np.meshgrid(elevation, azimuth, indexing="ij")
+    response = Manifold(geometry).steering(az, el).reshape(5, 1, *el.shape)
+    sector = Manifold.measured(geometry, geometry.frequency_hz, azimuth, elevation, response)
+    assert sector.reaches([0.0, 2.0, 0.0, 0.0], [0.5, 0.5, 0.0, np.nan]).tolist() == [True, False, False, False]
+    finder = DirectionFinder(sector)
+    for at in ((0.3, 0.5), (3.0, 0.5), (0.3, 0.05)):  # the last two outside: something inside, finite, comes out
+        a = Manifold(geometry).steering(*at)
+        R = a @ a.conj().T + np.eye(5)
+        found = finder.estimate_covariance(R, 1000, spectrum=True)
+        assert found.status == ArrayStatus.OK
+        assert sector.reaches(found.azimuth_rad, found.elevation_rad).all()
+        assert np.isfinite(found.covariance_rad2).all()
+        assert found.spectrum is not None
+        assert np.count_nonzero(found.spectrum) == 121 * 61
+    found = finder.estimate_covariance(np.outer(a := sector.steering(0.3, 0.5)[:, 0], a.conj()) + np.eye(5), 1000)
+    np.testing.assert_allclose([found.azimuth_rad[0], found.elevation_rad[0]], [0.3, 0.5], atol=1e-3)
+
+
 def test_pickled_manifold_is_the_same(tmp_path: Path) -> None:
     geometry = ArrayGeometry.uca(4, 0.3)
     read = Manifold.load(Manifold(geometry).with_random_errors(1.0, 0.3, seed=1).save(tmp_path / "m.npz"), geometry)
