@@ -319,11 +319,19 @@ def _read_csv(path: Path, elements: int) -> tuple[Reals, Reals, Reals, Complexes
         rounded = np.round(table[:, angle], 9)
         axes.append(np.unique(rounded))
         index.append(np.searchsorted(axes[-1], rounded).astype(np.int64))
+    points = elements * math.prod(len(axis) for axis in axes)
+    if points > max(1_000_000, 4 * len(table)):
+        sizes = " x ".join(str(len(axis)) for axis in axes)
+        raise ValueError(
+            f"holes: frequencies, azimuths and elevations span {sizes} points for {elements} elements, "
+            f"of which {len(table)} are there"
+        )
     response = np.full((elements, *(len(axis) for axis in (axes[0], axes[2], axes[1]))), np.nan, dtype=np.complex128)
     place = (element, index[0], index[2], index[1])
     if len(np.unique(np.ravel_multi_index(place, response.shape))) < len(table):
         raise ValueError("a point of the grid stands there twice")
-    response[place] = 10.0 ** (table[:, 4] / 20.0) * np.exp(1j * np.deg2rad(table[:, 5]))
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite then is a hole
+        response[place] = 10.0 ** (table[:, 4] / 20.0) * np.exp(1j * np.deg2rad(table[:, 5]))
     return axes[0], np.deg2rad(axes[1]), np.deg2rad(axes[2]), response
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import soopnav_cpp as sn
 from soopnav_cpp.array import AmbiguityWarning, ArrayGeometry, ArrayStatus, DirectionFinder, Manifold
@@ -162,6 +164,8 @@ def test_manifold_files_refused(tmp_path: Path) -> None:
         ([lines[0], lines[1].replace(",0,0.0,", ",9,0.0,")], "line 2: element 9; 0 to 3 expected"),
         (lines[:1], "no responses"),
         ([*lines[:-1], lines[-1].rsplit(",", 1)[0] + ",nan"], "holes"),
+        ([*lines[:-1], lines[-1].rsplit(",", 2)[0] + ",1e308,0"], "holes"),
+        ([lines[0], *(f"{n + 1}e6,{n / 9},{n / 7},0,0,0" for n in range(200))], "200 x 200 x 200 points"),
     ):
         bad.write_text("\n".join(edit) + "\n")
         with pytest.raises(ValueError, match=message) as caught:
@@ -313,3 +317,23 @@ def test_bad_channels() -> None:
     )
     with pytest.raises(ValueError, match="no snapshot"):
         sn.array.covariance(np.zeros((4, 0), np.complex64))
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_damaged_manifold_files_raise_or_are_finite(tmp_path: Path, data: st.DataObject) -> None:
+    geometry = ArrayGeometry.ula(2)
+    path = Manifold(geometry).save(tmp_path / "m.csv", azimuth_rad=[0.0, 0.1], elevation_rad=[0.0, 0.1])
+    text = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text) - 1))
+        text[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+    path.write_bytes(bytes(text))
+    try:
+        manifold = Manifold.load(path, geometry)
+    except ValueError as error:
+        assert "m.csv" in str(error)
+        return
+    angles = np.array([0.0, 0.05, 0.1])
+    there = angles[manifold.reaches(angles, angles)]
+    assert np.isfinite(manifold.steering(there, there)).all()

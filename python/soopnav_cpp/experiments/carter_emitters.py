@@ -106,7 +106,7 @@ def two_emitters(lab: Lab) -> Iterator[Claim]:
         axes[0].axvline(5.0, color="#22303c", linewidth=0.8, linestyle=(0, (4, 3)))
         axes[1].axhline(0.95, color="#22303c", linewidth=0.8, linestyle=(0, (4, 3)))
         axes[1].set_ylim(0.0, 1.03)
-        axes[0].legend(frameon=False, fontsize=8, loc="lower right")
+        axes[1].legend(axes[0].get_lines()[: len(CASES)], CASES, frameon=False, fontsize=9, loc="lower right")
     lab.save(apart_deg=apart, errors_rad=errors)
     share = np.mean(errors < RESOLVED_RAD, axis=0)
     for case in (0, 1):
