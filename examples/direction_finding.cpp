@@ -9,7 +9,8 @@
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/random.hpp"
 
-using namespace soopnav;
+namespace array = soopnav::array;
+using soopnav::Cf32, soopnav::kPi, soopnav::RandomStream;
 
 int main() {
   const array::Direction truth{30.0 * kPi / 180.0, 50.0 * kPi / 180.0};

@@ -392,7 +392,8 @@ def bartlett(
     ----------
     R : array_like, shape (M, M)
     steering : array_like, shape (M, G), or ArrayGeometry, Manifold or SteeringTable
-        Steering vectors, for a spectrum; or an array, for directions over its half sphere (1 degree grid, refined).
+        Steering vectors, for a spectrum; or an array, for directions over its half sphere: 1 degree grid, refined. A
+        table is made in each call: many calls are for a `SteeringTable` or a `DirectionFinder`.
     n_sources : int
         Peaks to find.
     n_snapshots : float, optional
