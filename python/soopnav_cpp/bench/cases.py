@@ -164,10 +164,11 @@ def _directions_data() -> Data:
     azimuth, elevation = np.deg2rad(np.arange(0.0, 360.0)), np.deg2rad(np.arange(0.0, 91.0))
     manifold = array.Manifold(geometry)
     truth = manifold.steering(np.deg2rad(40.0), np.deg2rad(50.0))
-    noise = rng.standard_normal((5, 2500, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
+    noise = rng.standard_normal((5, 20 * 2500, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
     iq = (np.sqrt(10.0) * truth * noise[4] + noise[:4]).astype(np.complex64)
     return {
         "iq": iq,
+        "block": np.array(2500),
         "azimuth": azimuth,
         "elevation": elevation,
         "positions_wavelengths": geometry.positions_m / geometry.wavelength_m,
@@ -178,20 +179,20 @@ def _directions_data() -> Data:
 def _directions(data: Data) -> Timed:
     geometry = array.ArrayGeometry.planar(2, 2, 0.2)
     finder = array.DirectionFinder(geometry)
-    iq = np.ascontiguousarray(data["iq"], dtype=np.complex64)
+    iq, block = np.ascontiguousarray(data["iq"], dtype=np.complex64), int(data["block"])
 
     def run() -> Any:
-        return finder.estimate(iq)
+        return finder.track(iq, block)
 
     def answer(found: Any) -> list[float]:
-        return [float(found.azimuth_rad[0]), float(found.elevation_rad[0])]
+        return [*found.azimuth_rad[:, 0].tolist(), *found.elevation_rad[:, 0].tolist()]
 
     return run, answer
 
 
 MUSIC = Case(
     name="array/music-360x91",
-    title="MUSIC, 4 elements, 2500 snapshots, 360 x 91 directions; ours refined, with covariance",
+    title="MUSIC, 4 elements, 20 blocks of 2500 snapshots, 360 x 91 directions; ours refined, with covariance",
     data=_directions_data,
     ours=_directions,
     peers=(

@@ -19,8 +19,10 @@ def music(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[float]]]:
     iq, azimuth, elevation = data["iq"], data["azimuth"], data["elevation"]
     steering = data["steering"].astype(np.complex128)
 
-    def run() -> tuple[float, float]:
-        R = iq @ iq.conj().T / iq.shape[1]
+    block = int(data["block"])
+
+    def direction(samples: npt.NDArray[Any]) -> tuple[float, float]:
+        R = samples @ samples.conj().T / samples.shape[1]
         _, vectors = np.linalg.eigh(R)
         noise = vectors[:, :-1]
         product = noise.conj().T @ steering
@@ -28,4 +30,7 @@ def music(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[float]]]:
         row, column = divmod(int(np.argmax(spectrum)), len(azimuth))
         return float(azimuth[column]), float(elevation[row])
 
-    return run, lambda result: [float(value) for value in result]
+    def run() -> list[tuple[float, float]]:
+        return [direction(iq[:, first : first + block]) for first in range(0, iq.shape[1], block)]
+
+    return run, lambda result: [*(found[0] for found in result), *(found[1] for found in result)]

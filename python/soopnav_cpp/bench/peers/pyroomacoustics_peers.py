@@ -29,13 +29,17 @@ def music(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[float]]]:
     )
     bins = np.zeros((len(data["iq"]), size // 2 + 1, data["iq"].shape[1]), dtype=np.complex128)
     bins[:, bin_number] = data["iq"]
+    block = int(data["block"])
 
-    def run() -> Any:
-        finder.locate_sources(bins, num_src=1, freq_bins=np.array([bin_number]))
-        return finder
+    def run() -> list[tuple[float, float]]:
+        out = []
+        for first in range(0, bins.shape[2], block):
+            finder.locate_sources(bins[:, :, first : first + block], num_src=1, freq_bins=np.array([bin_number]))
+            out.append((float(finder.azimuth_recon[0]), float(finder.colatitude_recon[0])))
+        return out
 
-    def answer(found: Any) -> list[float]:
-        turn = (float(found.azimuth_recon[0]) + np.pi) % (2.0 * np.pi) - np.pi
-        return [turn, np.pi / 2 - float(found.colatitude_recon[0])]
+    def answer(result: list[tuple[float, float]]) -> list[float]:
+        azimuths = [(azimuth + np.pi) % (2.0 * np.pi) - np.pi for azimuth, _ in result]
+        return [*azimuths, *(np.pi / 2 - colatitude for _, colatitude in result)]
 
     return run, answer
