@@ -1,6 +1,6 @@
 #include "soopnav/gnss/attitude.hpp"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +8,7 @@
 #include <string>
 
 #include "attitude_information.hpp"
+#include "eigen.hpp"
 #include "soopnav/core/constants.hpp"
 
 namespace soopnav::gnss {
@@ -148,7 +149,7 @@ AttitudeInformation linearise(const AttitudeModel& model, const Eigen::Matrix3d&
 
 namespace {
 
-using Solver3 = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>;
+using Solver3 = detail::SymmetricEigen<3>;
 
 // The vector of the reference that each baseline is, by least squares over the satellites (eq. 16), then the rotation
 // that carries the body's baselines there (Wahba's problem; Davenport's matrix). None without three directions.
@@ -178,12 +179,11 @@ std::optional<Eigen::Quaterniond> closed_form(const AttitudeModel& model, std::s
       right -= sum * total / count;
     }
     const Solver3 eigen(normal);
-    if (!(eigen.eigenvalues()[0] > kFlat * eigen.eigenvalues()[2])) {
+    if (!(eigen.values[0] > kFlat * eigen.values[2])) {
       flat = true;
       continue;
     }
-    const Eigen::Vector3d w =
-        eigen.eigenvectors() * (eigen.eigenvectors().transpose() * right).cwiseQuotient(eigen.eigenvalues());
+    const Eigen::Vector3d w = eigen.vectors * (eigen.vectors.transpose() * right).cwiseQuotient(eigen.values);
     B += w * model.baselines_m[k].transpose();
     ++vectors;
   }
@@ -195,8 +195,8 @@ std::optional<Eigen::Quaterniond> closed_form(const AttitudeModel& model, std::s
   K.block<3, 1>(1, 0) = z;
   K.block<1, 3>(0, 1) = z.transpose();
   K.block<3, 3>(1, 1) = B + B.transpose() - B.trace() * Eigen::Matrix3d::Identity();
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(K);
-  const Eigen::Vector4d q = eigen.eigenvectors().col(3);
+  const detail::SymmetricEigen<4> eigen(K);
+  const Eigen::Vector4d q = eigen.vectors.col(3);
   return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
 }
 
@@ -233,16 +233,15 @@ AttitudeFix attitude_fix(const AttitudeModel& model, std::span<const Eigen::Vect
   for (fix.iterations = 1; fix.iterations <= kMaxIterations; ++fix.iterations) {
     const auto at = detail::linearise(model, fix.q_n_b.toRotationMatrix(), directions, path);
     const Solver3 eigen(at.information);
-    if (!(eigen.eigenvalues()[0] > kUnturned * eigen.eigenvalues()[2])) {
+    if (!(eigen.values[0] > kUnturned * eigen.values[2])) {
       fix.status = AttitudeStatus::kUnobservable;
-      fix.unobservable_b = eigen.eigenvectors().col(0);
+      fix.unobservable_b = eigen.vectors.col(0);
       fix.euler = geometry::euler_from_rotation(fix.q_n_b.toRotationMatrix());
       fix.chi_square = at.chi_square;
       fix.degrees_of_freedom = at.rows - 2;
       return fix;
     }
-    Eigen::Vector3d step =
-        eigen.eigenvectors() * (eigen.eigenvectors().transpose() * at.gradient).cwiseQuotient(eigen.eigenvalues());
+    Eigen::Vector3d step = eigen.vectors * (eigen.vectors.transpose() * at.gradient).cwiseQuotient(eigen.values);
     const double angle = step.norm();
     if (angle > 0.5) step *= 0.5 / angle;
     fix.q_n_b = (fix.q_n_b * geometry::quaternion_from_rotation_vector(step)).normalized();

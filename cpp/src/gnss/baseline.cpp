@@ -1,13 +1,14 @@
 #include "soopnav/gnss/baseline.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
+#include "eigen.hpp"
 #include "soopnav/core/constants.hpp"
 
 namespace soopnav::gnss {
@@ -235,9 +236,9 @@ bool BaselineSolver::inform(Epoch& epoch, double code_phase_ratio, BaselineFix& 
   const double share = 1.0 / (code_phase_ratio * code_phase_ratio);
   epoch.code_information = share * phase_information;
   epoch.information = phase_information + epoch.code_information;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(epoch.information);
-  epoch.axes = eigen.eigenvectors();
-  epoch.curvature = eigen.eigenvalues();
+  const detail::SymmetricEigen<3> eigen(epoch.information);
+  epoch.axes = eigen.vectors;
+  epoch.curvature = eigen.values;
   if (!(epoch.curvature[0] > kMinInformation * epoch.curvature[2])) {
     fix.status = BaselineStatus::kDegenerate;
     return false;
