@@ -30,6 +30,21 @@ void keep(std::array<Scored, N>& list, const Scored& item) noexcept {
   list[i] = item;
 }
 
+// The shortest turn from one unit vector to another; about any axis across when they are opposite. (Eigen's own way
+// brings in a singular value decomposition, which takes longer to compile than all of this.)
+Eigen::Quaterniond turn_between(const Eigen::Vector3d& from, const Eigen::Vector3d& to) noexcept {
+  Eigen::Vector3d axis = from.cross(to);
+  const double sine = axis.norm(), cosine = from.dot(to);
+  if (sine < 1e-12) {
+    if (cosine > 0.0) return Eigen::Quaterniond::Identity();
+    Eigen::Index least = 0;
+    from.cwiseAbs().minCoeff(&least);
+    axis = from.cross(Eigen::Vector3d::Unit(least)).normalized();
+    return geometry::quaternion_from_rotation_vector(kPi * axis);
+  }
+  return geometry::quaternion_from_rotation_vector(axis * (std::atan2(sine, cosine) / sine));
+}
+
 // Squared distance of the wrapped phases from whole cycles at an attitude, over baselines [first, last) [cycles^2].
 double misfit(const AttitudeModel& model, const Eigen::Matrix3d& T_n_b, std::span<const Eigen::Vector3d> directions,
               const PathDifferences& wrapped, double wavelength_m, std::size_t first, std::size_t last) noexcept {
@@ -112,7 +127,7 @@ AttitudeFix acquire_attitude(const AttitudeModel& model, std::span<const Eigen::
     const double up = 1.0 - (2.0 * i + 1.0) / points;
     const double level = std::sqrt(std::max(0.0, 1.0 - up * up));
     const Eigen::Vector3d to(level * std::cos(kGoldenAngle * i), level * std::sin(kGoldenAngle * i), up);
-    const Eigen::Quaterniond q = Eigen::Quaterniond::FromTwoVectors(first, to);
+    const Eigen::Quaterniond q = turn_between(first.normalized(), to);
     keep(followed, {misfit(model, q.toRotationMatrix(), directions, wrapped, wavelength_m, 0, 1), q});
   }
   const auto turns = static_cast<int>(std::ceil(kTwoPi / std::min(0.5, kGridStep * wavelength_m / arm)));
