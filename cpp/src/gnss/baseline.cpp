@@ -453,6 +453,10 @@ BaselineFix BaselineSolver::solve(std::span<const BaselineSatellite> satellites)
   } else {
     search_candidates(epoch, best);
   }
+  if (!(best.objective[0] < kInfinity)) {  // numbers beyond all measure
+    fix.status = BaselineStatus::kDegenerate;
+    return fix;
+  }
   fix.ratio = best.objective[0] > 0.0 ? best.objective[1] / best.objective[0] : kInfinity;
   fix.status = fix.ratio >= options_.ratio ? BaselineStatus::kFixed : BaselineStatus::kFloat;
   finish(epoch, best, fix);

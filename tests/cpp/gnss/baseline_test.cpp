@@ -230,6 +230,12 @@ TEST(Baseline, BadInputGivesAStatus) {
     cone[i].direction = {std::cos(1.0) * std::sin(az), std::cos(1.0) * std::cos(az), std::sin(1.0)};
   }
   EXPECT_EQ(solver.solve(cone).status, BaselineStatus::kDegenerate);
+  // Numbers that are finite and absurd.
+  auto absurd = s.satellites;
+  for (std::size_t i = 0; i < absurd.size(); ++i) absurd[i].code_m = (i % 2 == 0 ? 1.0 : -1.0) * 1e300;
+  const BaselineFix none = BaselineSolver({.length_m = 1.0}).solve(absurd);
+  EXPECT_FALSE(none.fixed());
+  EXPECT_FALSE(std::isnan(none.baseline_m.x()) && none.status == BaselineStatus::kFloat);
   // A code that is far off moves the float, not the sphere's length.
   BaselineOptions length;
   length.length_m = 1.5;
