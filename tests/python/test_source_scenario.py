@@ -180,12 +180,24 @@ def test_an_emitter_that_is_never_heard() -> None:
         ({"duration_s": 1.0}, "fewer than 3 bearings"),
         ({"emitters": [{"position_m": [0.0, 0.0, 1.0]}] * 4}, "4 elements cannot tell 4 emitters apart"),
         ({"locator": {"moving": True, "others": ["centroid"]}}, "moving: centroid finds emitters that stand still"),
+        ({"front_end": {"adc_bits": 1}}, "adc_bits: 1: 0 or at least 2 expected"),
+        ({"finder": {"smooth_epochs": 4}}, "smooth_epochs: 4: an odd number expected"),
         ({"link": {"samples": 2}}, "greater than or equal to 16"),
     ],
 )
 def test_scenarios_that_do_not_fit(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         short(**changes)
+
+
+def test_arrays_that_cannot_be_are_refused_before_a_run(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="32"):
+        SourceLocalization().check(short(array={"nx": 8, "ny": 8}))
+    file = tmp_path / "two.toml"
+    file.write_text('frequency_hz = 1e9\nkind = "ula"\nn = 2\n', encoding="utf-8")
+    twice = [{"position_m": [0.0, 0.0, 1.0]}, {"position_m": [9.0, 0.0, 1.0]}]
+    with pytest.raises(ValueError, match="array: 2 elements cannot tell 2 emitters apart"):
+        SourceLocalization().check(short(array={"file": file}, emitters=twice))
 
 
 def test_bins_of_distance() -> None:

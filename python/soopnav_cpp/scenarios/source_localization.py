@@ -58,11 +58,16 @@ class ArraySettings(Model):
         A description as soopnav df reads it, in place of the keys below.
     kind : str
         "planar": nx by ny elements; "uca": elements on a circle.
-    nx, ny, spacing_wavelengths
+    nx, ny : int
+        Elements of a planar array, forward and to the left.
+    spacing_wavelengths : float
         Of a planar array.
-    elements, radius_wavelengths
-        Of a circle.
+    elements : int
+        On a circle.
+    radius_wavelengths : float
+        Of the circle.
     frequency_hz : float
+        That the array is for, and the carrier of the emitters.
     gain_error_db, phase_error_deg : float
         Standard deviations of errors of each antenna that are drawn for each run and that the direction finder does
         not know of; a calibration of the receivers does not see them.
@@ -125,7 +130,9 @@ class EmitterSettings(Model):
     position_m : list of three numbers
         East, north, up, at time 0.
     velocity_mps : list of three numbers
+        Constant.
     power_dbm : float
+        Transmitted, over an isotropic antenna.
     name : str
         For the report; without one they are counted.
     """
@@ -142,11 +149,13 @@ class LinkSettings(Model):
     Attributes
     ----------
     sample_rate_hz : float
+        Of the front end, and the width of its noise.
     samples : int
         Per epoch.
     bandwidth_ratio : float
         Of the signal to the front end.
     noise_figure_db : float
+        Of the receivers.
     excess_loss_db : float
         Beyond free space: polarisation, bodies, attenuators.
     """
@@ -181,6 +190,12 @@ class FrontEndSettings(Model):
     adc_bits: Annotated[int, Field(ge=0, le=24)] = 0
     calibrate: bool = True
     tone_snr_db: Annotated[float, Field(ge=0.0, le=80.0)] = 40.0
+
+    @pydantic.model_validator(mode="after")
+    def _signed(self) -> FrontEndSettings:
+        if self.adc_bits == 1:
+            raise ValueError("adc_bits: 1: 0 or at least 2 expected")
+        return self
 
     @property
     def ideal(self) -> bool:
@@ -342,6 +357,9 @@ class SourceLocalization:
         from soopnav_cpp.scenarios import source_localization_pipeline as pipeline
 
         pipeline.path_of(scenario)
+        elements = len(pipeline.manifold_of(scenario).geometry.positions_m)
+        if elements <= len(scenario.emitters):
+            raise ValueError(f"array: {elements} elements cannot tell {len(scenario.emitters)} emitters apart")
 
     def run(self, scenario: SourceLocalizationScenario, seed: int) -> EmitterRun:
         """One run: all randomness comes from the seed."""
