@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from soopnav_cpp import scenarios
 from soopnav_cpp.config import ConfigError
+from soopnav_cpp.geometry import LocalFrame
 from soopnav_cpp.scenarios import base, metrics, report
 from soopnav_cpp.scenarios.bearings import rotations
 from soopnav_cpp.scenarios.emitters import solve
@@ -85,6 +86,28 @@ def test_a_recorded_drive(tmp_path: Path) -> None:
     _, longer = scenarios.load(toml)
     with pytest.raises(ValueError, match=r"poses from 0 to 40 s; duration_s = 60 needs"):
         SourceLocalization().check(longer)  # type: ignore[arg-type]
+
+
+def test_a_drive_recorded_on_the_earth(tmp_path: Path) -> None:
+    """Latitudes become metres of the scenario's origin, headings turn with the meridians."""
+    frame = LocalFrame(math.radians(60.0), math.radians(10.0), 100.0)
+    rows = ["time_s,latitude_deg,longitude_deg,height_m,heading_deg"]
+    wanted = np.column_stack([np.linspace(20_000.0, 20_400.0, 41), np.linspace(0.0, 100.0, 41), np.full(41, 5.0)])
+    for t, place in enumerate(wanted):
+        latitude, longitude, height = frame.position_to_geodetic(place)
+        rows.append(f"{t},{math.degrees(latitude):.10f},{math.degrees(longitude):.10f},{height:.4f},90")
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    given = {"poses": path}
+    origin = {"latitude_deg": 60.0, "longitude_deg": 10.0, "height_m": 100.0}
+    poses = path_of(short(platform=given, origin=origin))
+    np.testing.assert_allclose(poses.position_m, wanted, atol=1e-3)
+    east = rotations(poses.quaternion_wxyz)[:, :, 0]
+    # East, 20 km to the east of the origin, points to the left of the origin's east: by 20 km tan(60°) / N.
+    turned = np.degrees(np.arctan2(east[:, 1], east[:, 0]))
+    assert turned[0] == pytest.approx(math.degrees(20_000.0 * math.tan(math.radians(60.0)) / 6.394e6), rel=0.01)
+    alone = path_of(short(platform=given))
+    np.testing.assert_allclose(alone.position_m[0], 0.0, atol=1e-6)
 
 
 def test_emitters_move() -> None:

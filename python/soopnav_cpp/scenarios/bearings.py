@@ -464,6 +464,33 @@ class Poses:
         turn = first * before + second * after
         return Poses(time, position, turn / np.linalg.norm(turn, axis=1, keepdims=True), self.frame)
 
+    def seen_from(self, frame: LocalFrame) -> Poses:
+        """The same in the axes of another frame, east, north, up.
+
+        Raises
+        ------
+        ValueError
+            For poses that are nowhere on the Earth.
+        """
+        if self.frame is None:
+            raise ValueError("poses in local metres have no place on the Earth")
+        corners = np.vstack([np.zeros(3), _DIRECTION_M * np.eye(3)])
+        moved = frame.position_from_ecef(self.frame.position_to_ecef(corners))
+        axes = ((moved[1:] - moved[0]) / _DIRECTION_M).T
+        w = 0.5 * math.sqrt(max(1.0 + float(np.trace(axes)), 1e-12))  # places on one side of the Earth
+        x, y, z = (float(axes[i, j] - axes[j, i]) / (4.0 * w) for i, j in ((2, 1), (0, 2), (1, 0)))
+        a, b, c, d = self.quaternion_wxyz.T
+        turn = np.column_stack(
+            [
+                w * a - x * b - y * c - z * d,
+                w * b + x * a + y * d - z * c,
+                w * c - x * d + y * a + z * b,
+                w * d + x * c - y * b + z * a,
+            ]
+        )
+        position = frame.position_from_ecef(self.frame.position_to_ecef(self.position_m))
+        return Poses(self.t_s, position, turn / np.linalg.norm(turn, axis=1, keepdims=True), frame)
+
     def to_level(self, azimuth_rad: Array, elevation_rad: Array, covariance_rad2: Array) -> tuple[Array, Array, Array]:
         """Directions of the array, one per pose, as bearings (from east towards north), elevations and covariances.
 

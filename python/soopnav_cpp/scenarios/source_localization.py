@@ -92,7 +92,8 @@ class PlatformSettings(Model):
     ----------
     poses : file name
         A recording in place of the keys below: CSV (time_s, x_m, y_m, z_m or latitude_deg, longitude_deg, height_m;
-        heading_deg, pitch_deg, roll_deg) or TUM.
+        heading_deg, pitch_deg, roll_deg) or TUM. Latitudes are put into the metres of the scenario's origin; without
+        one the first pose is the origin.
     waypoints_m : list
         East and north of points that straight legs join; the platform covers them at one speed in duration_s.
     corner_radius_m : float

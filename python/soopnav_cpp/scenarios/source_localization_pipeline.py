@@ -89,6 +89,14 @@ def route(waypoints_m: _Array, radius_m: float, share: _Array) -> tuple[_Array, 
     return place, direction
 
 
+def frame_of(scenario: SourceLocalizationScenario) -> LocalFrame | None:
+    """Where the scenario's metres lie on the Earth."""
+    origin = scenario.origin
+    if origin is None:
+        return None
+    return LocalFrame(math.radians(origin.latitude_deg), math.radians(origin.longitude_deg), origin.height_m)
+
+
 def path_of(scenario: SourceLocalizationScenario) -> Poses:
     """The platform's true poses at the epochs of bearings.
 
@@ -107,6 +115,9 @@ def path_of(scenario: SourceLocalizationScenario) -> Poses:
                 f"{platform.poses}: poses from {recorded.t_s[0]:g} to {recorded.t_s[-1]:g} s; duration_s = "
                 f"{scenario.duration_s:g} needs 0 … {t_s[-1]:g} s"
             )
+        frame = frame_of(scenario)
+        if recorded.frame is not None and frame is not None:
+            recorded = recorded.seen_from(frame)
         return recorded.at(t_s)
     place, direction = route(np.array(platform.waypoints_m), platform.corner_radius_m, t_s / t_s[-1])
     nothing = np.zeros(count)
@@ -348,10 +359,7 @@ def _heard(
     def stated(value: float) -> _Array | None:
         return np.full(int(good.sum()), value) if value > 0.0 else None
 
-    frame = poses.frame
-    if frame is None and scenario.origin is not None:
-        origin = scenario.origin
-        frame = LocalFrame(math.radians(origin.latitude_deg), math.radians(origin.longitude_deg), origin.height_m)
+    frame = frame_of(scenario) if poses.frame is None else poses.frame
     data = BearingsData(
         t_s=here.t_s[good],
         position_m=position[epoch][good],
