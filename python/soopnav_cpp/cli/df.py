@@ -31,6 +31,7 @@ METHODS = ("music", "capon", "bartlett")
 _BLOCK = 2500
 _MOST_BLOCKS = 200_000
 _MOST_ROWS = 12
+_LEAST_COSINE = 0.05  # of an elevation: beyond it an azimuth means nothing anyway
 _DEAD_DB = -50.0  # of a channel's power to the median of all: nothing is connected to it
 _FREQUENCY_SHARE = 0.01  # by which a recording may be tuned beside the array's frequency without a word
 _FREQUENCY_WRONG = 0.1  # and from where it is another array
@@ -314,6 +315,8 @@ def _smoothed(found: Found, eigenvalues: Array, blocks: int) -> Array:
     covariance = np.zeros_like(found.covariance_rad2)
     for k, of in enumerate(("azimuth", "elevation")):
         covariance[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64))
+    # The map is one of low emitters: higher up the same angle across the line of sight is more of an azimuth.
+    covariance[:, 0, 0] /= np.square(np.maximum(np.cos(found.elevation_rad), _LEAST_COSINE))
     covariance[~found.good] = np.nan
     return covariance
 

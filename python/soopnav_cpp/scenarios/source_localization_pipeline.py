@@ -34,6 +34,7 @@ _TONE_SAMPLES = 16_384
 _HEADROOM_DB = 6.0  # of the converters above that tone
 _CHUNK = 64  # epochs whose samples are held at a time
 _MAP_TRIALS = 400
+_LEAST_COSINE = 0.05  # of an elevation: beyond it an azimuth means nothing anyway
 _CACHE: dict[tuple[Any, ...], Any] = {}  # deviations by eigenvalue ratio: the same for all runs of a scenario
 
 
@@ -322,6 +323,8 @@ def _covariances(scenario: SourceLocalizationScenario, manifold: Any, rows: _Row
     found = np.zeros_like(theory)
     for k, of in enumerate(("azimuth", "elevation")):
         found[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64)[rows.epoch])
+    # The map is one of low emitters: higher up the same angle across the line of sight is more of an azimuth.
+    found[:, 0, 0] /= np.square(np.maximum(np.cos(rows.elevation), _LEAST_COSINE))
     return found
 
 
