@@ -14,7 +14,7 @@ from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band
 from soopnav_cpp.navigation import source_crlb
 
 RUNS = 1000
-EPOCHS_SHOWN = tuple(range(59, 240, 20))
+EPOCHS_SHOWN = tuple(range(99, 240, 20))
 
 
 @experiment(
