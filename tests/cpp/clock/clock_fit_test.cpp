@@ -14,11 +14,12 @@
 #include "soopnav/clock/clock_simulator.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/random.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::clock {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 std::vector<double> record(const Oscillator& clock, double dt_s, std::size_t n, std::uint64_t seed) {
   ClockSimulator simulator(clock.noise(), RandomStream(seed), {10.0, 0.3});

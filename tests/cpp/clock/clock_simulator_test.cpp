@@ -14,12 +14,13 @@
 #include "soopnav/clock/oscillator.hpp"
 #include "soopnav/core/constants.hpp"
 #include "support/allocation_count.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::clock {
 namespace {
 
 constexpr ClockNoise kNoise{0.036, 0.141};
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 TEST(ClockSimulator, SameSeedSameClock) {
   const std::vector<double> t{0.0, 0.1, 0.1, 5.0};

@@ -14,11 +14,12 @@
 
 #include "soopnav/core/random.hpp"
 #include "soopnav/estimation/chi_square.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::clock {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr std::array kKinds{DeviationKind::kAllan,         DeviationKind::kOverlappingAllan,
                             DeviationKind::kModifiedAllan, DeviationKind::kTime,
                             DeviationKind::kHadamard,      DeviationKind::kOverlappingHadamard};

@@ -6,11 +6,12 @@
 #include <limits>
 
 #include "soopnav/core/constants.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 TEST(Angle, DegreesAndRadians) {

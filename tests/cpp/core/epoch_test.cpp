@@ -1,4 +1,5 @@
 #include "soopnav/core/epoch.hpp"
+#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +10,7 @@
 namespace soopnav {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::int64_t kMaxSeconds = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kMinSeconds = std::numeric_limits<std::int64_t>::min();

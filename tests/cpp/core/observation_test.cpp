@@ -1,4 +1,5 @@
 #include "soopnav/core/observation.hpp"
+#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +10,7 @@
 namespace soopnav {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 const Epoch kEpoch(TimeScale::kGps, 1000, 0.5);
 
 Observation three() {

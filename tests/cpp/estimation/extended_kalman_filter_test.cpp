@@ -21,6 +21,7 @@
 #include "soopnav/measurement/azimuth.hpp"
 #include "soopnav/measurement/pseudorange.hpp"
 #include "soopnav/process/random_walk.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -30,7 +31,7 @@ using Clocked = PositionClock<EnuFrame>;
 using Planar = PlanarInertialState;
 using Posed = ComposedState<EnuFrame, Role<3, PositionTag>, Role<3, AttitudeTag>>;
 using Bearing = Azimuth<PlanarFrame, Role<1, HeadingTag>>;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // The body's rotation seen through one known direction: three numbers, C(q)ᵀ d. Written in components, so that sigma
 // points and particles take it too.

@@ -2,7 +2,6 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "soopnav/core/random.hpp"
@@ -11,13 +10,14 @@
 #include "soopnav/estimation/posterior_crlb.hpp"
 #include "soopnav/estimation/statistics.hpp"
 #include "soopnav/measurement/pseudorange.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
 
 using Eigen::Matrix4d;
 using Eigen::MatrixXd;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // Position and clock wander; the pseudoranges of five sources measure them.
 using State = PositionClock<EnuFrame>;

@@ -12,6 +12,7 @@
 #include "soopnav/estimation/unobservable.hpp"
 #include "soopnav/measurement/pseudorange.hpp"
 #include "soopnav/measurement/range.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -21,7 +22,7 @@ using Pr = Pseudorange<EnuFrame>;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 const std::vector<Eigen::Vector3d> kSources{
     {1000, 0, 50}, {-300, 900, 20}, {-800, -700, 90}, {200, -900, 400}, {50, 60, 1500}};
 

@@ -13,13 +13,14 @@
 #include "soopnav/estimation/unobservable.hpp"
 #include "soopnav/measurement/pseudorange.hpp"
 #include "soopnav/measurement/range.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
 
 using State = PositionClock<EnuFrame>;
 using Pr = Pseudorange<EnuFrame>;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 const std::vector<Eigen::Vector3d> kSources{

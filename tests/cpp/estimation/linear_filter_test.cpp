@@ -8,12 +8,12 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "estimation/linear_systems.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -22,7 +22,7 @@ using test::DenseSystem;
 using test::matrix_at;
 using test::vector_at;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 DenseSystem scalar(double F, double Q, double H, double R, double x0, double P0) {
   const auto one = [](double v) { return RowMajorMatrix(RowMajorMatrix::Constant(1, 1, v)); };

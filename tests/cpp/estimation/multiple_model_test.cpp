@@ -2,7 +2,6 @@
 
 #include <array>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include "estimation/tracking_scene.hpp"
@@ -11,6 +10,7 @@
 #include "soopnav/estimation/extended_kalman_filter.hpp"
 #include "soopnav/estimation/interacting_multiple_model.hpp"
 #include "soopnav/process/random_walk.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -19,7 +19,7 @@ using test::Fix;
 using test::Motion;
 using test::PlanarRange;
 using test::Vehicle;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 using Clock = ComposedState<PlanarFrame, Role<1, ClockBiasTag>>;
 struct Seen {
   static constexpr int kDim = 1;

@@ -3,20 +3,20 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <string>
 #include <vector>
 
 #include "soopnav/estimation/unobservable.hpp"
 #include "soopnav/measurement/pseudorange.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
 
 using Eigen::MatrixXd;
-using State = PositionVelocityClock<EnuFrame, 3>;
+using MovingState = PositionVelocityClock<EnuFrame, 3>;
 using Pr = Pseudorange<EnuFrame>;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 Eigen::Matrix<double, 8, 8> step(double dt) {
   Eigen::Matrix<double, 8, 8> F = Eigen::Matrix<double, 8, 8>::Identity();
@@ -26,27 +26,27 @@ Eigen::Matrix<double, 8, 8> step(double dt) {
 }
 
 TEST(SequenceObservability, TwoEpochsOfFourSourcesDetermineTheVelocityAsWell) {
-  State x;
+  MovingState x;
   x.x << 10, 20, 5, 1, 2, 0, 100, 3;
   const std::vector<Eigen::Vector3d> sources{{900, 0, 100}, {-500, 800, 300}, {-300, -900, 700}, {100, 200, 1200}};
   std::vector<Observed<Pr>> z;
   for (const auto& q : sources) z.emplace_back(Pr{q}, 0.0, 1.0);
-  SequenceObservability<State> sequence;
+  SequenceObservability<MovingState> sequence;
   ASSERT_EQ(sequence.add(x, z), SolveStatus::kConverged);
   const auto first = sequence.bound();
   EXPECT_EQ(first.rank, 4);
-  const auto names = name_directions<State>(MatrixXd(first.unobservable));
+  const auto names = name_directions<MovingState>(MatrixXd(first.unobservable));
   EXPECT_EQ(names, (std::vector<std::string>{"east velocity", "north velocity", "up velocity", "clock drift"}));
   ASSERT_TRUE(sequence.propagate(step(2.0)));
-  State later = x;
+  MovingState later = x;
   later.x.head<3>() += 2.0 * x.x.segment<3>(3);
   ASSERT_EQ(sequence.add(later, z), SolveStatus::kConverged);
   EXPECT_EQ(sequence.bound().rank, 8);
 
   // The same by the stack of matrices.
-  InformationSum<State> one;
+  InformationSum<MovingState> one;
   ASSERT_EQ(one.add(x, z), SolveStatus::kConverged);
-  InformationSum<State> two;
+  InformationSum<MovingState> two;
   ASSERT_EQ(two.add(later, z), SolveStatus::kConverged);
   MatrixXd H(16, 8);
   H << one.root(), two.root();
@@ -55,8 +55,8 @@ TEST(SequenceObservability, TwoEpochsOfFourSourcesDetermineTheVelocityAsWell) {
 }
 
 TEST(SequenceObservability, RefusesWithoutAChange) {
-  State x;
-  SequenceObservability<State> sequence;
+  MovingState x;
+  SequenceObservability<MovingState> sequence;
   ASSERT_EQ(sequence.add(x, Observed<Pr>(Pr{Eigen::Vector3d(900, 0, 0)}, 0.0, 1.0)), SolveStatus::kConverged);
   const auto before = sequence.gramian();
   EXPECT_EQ(sequence.add(x, Observed<Pr>(Pr{Eigen::Vector3d(0, 0, 0)}, 0.0, 1.0)), SolveStatus::kUndefined);

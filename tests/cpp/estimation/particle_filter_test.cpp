@@ -12,6 +12,7 @@
 
 #include "estimation/particle_scene.hpp"
 #include "soopnav/measurement/azimuth.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -27,7 +28,7 @@ using Line = ComposedState<PlanarFrame, Role<1, PositionTag>>;
 using LineFilter = ParticleFilter<Line>;
 using Square1 = Eigen::Matrix<double, 1, 1>;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct LinePosition {

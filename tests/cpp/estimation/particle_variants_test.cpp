@@ -5,13 +5,13 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 #include <vector>
 
 #include "estimation/particle_variant_scene.hpp"
 #include "soopnav/estimation/chi_square.hpp"
 #include "soopnav/estimation/particle_bins.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -26,7 +26,7 @@ using test::PairMarginalized;
 using test::Place;
 using test::Sum;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // Stays where it is.
 struct Rest {

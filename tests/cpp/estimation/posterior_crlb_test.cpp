@@ -4,10 +4,10 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "soopnav/core/random.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -16,7 +16,7 @@ using Eigen::Matrix2d;
 using Eigen::Matrix4d;
 using Eigen::MatrixXd;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // Position and velocity in a plane, driven by white acceleration: four states, two noises, Q of rank two.
 struct Motion {

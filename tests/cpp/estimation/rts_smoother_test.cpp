@@ -13,6 +13,7 @@
 
 #include "estimation/linear_systems.hpp"
 #include "soopnav/core/angle.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {
@@ -21,7 +22,7 @@ using test::DenseSystem;
 using test::matrix_at;
 using test::vector_at;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 struct Smoothed {
   std::vector<double> x, P;

@@ -68,23 +68,23 @@ TEST(ComponentNames, FollowTheFrame) {
 
 TEST(NameDirections, NamesComponentsAndCombinations) {
   using Names = std::vector<std::string>;
-  using State = PositionClock<EnuFrame>;
+  using Placed = PositionClock<EnuFrame>;
   Eigen::MatrixXd basis(4, 1);
   basis << 0.0, 0.0, -1.0, 0.0;
-  EXPECT_EQ(name_directions<State>(basis), Names{"up"});
+  EXPECT_EQ(name_directions<Placed>(basis), Names{"up"});
   basis << 0.6, 0.0, 0.0, -0.8;
-  EXPECT_EQ(name_directions<State>(basis), Names{"0.80 clock bias - 0.60 east"});
+  EXPECT_EQ(name_directions<Placed>(basis), Names{"0.80 clock bias - 0.60 east"});
   // Two columns that hide two components, and a third that is a mixture.
   Eigen::MatrixXd turned(4, 2);
   turned.col(0) << 0.6, 0.0, 0.8, 0.0;
   turned.col(1) << -0.8, 0.0, 0.6, 0.0;
-  EXPECT_EQ(name_directions<State>(turned), (Names{"east", "up"}));
+  EXPECT_EQ(name_directions<Placed>(turned), (Names{"east", "up"}));
   Eigen::MatrixXd mixed(4, 2);
   mixed.col(0) << 0.0, 1.0, 0.0, 0.0;
   mixed.col(1) << std::sqrt(0.5), 0.0, 0.0, std::sqrt(0.5);
-  EXPECT_EQ(name_directions<State>(mixed), (Names{"north", "0.71 east + 0.71 clock bias"}));
-  EXPECT_TRUE(name_directions<State>(Eigen::MatrixXd(4, 0)).empty());
-  EXPECT_THROW(static_cast<void>(name_directions<State>(Eigen::MatrixXd::Identity(3, 1))), std::invalid_argument);
+  EXPECT_EQ(name_directions<Placed>(mixed), (Names{"north", "0.71 east + 0.71 clock bias"}));
+  EXPECT_TRUE(name_directions<Placed>(Eigen::MatrixXd(4, 0)).empty());
+  EXPECT_THROW(static_cast<void>(name_directions<Placed>(Eigen::MatrixXd::Identity(3, 1))), std::invalid_argument);
 }
 
 }  // namespace

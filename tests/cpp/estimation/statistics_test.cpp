@@ -1,16 +1,16 @@
 #include "soopnav/estimation/statistics.hpp"
+#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 
 namespace soopnav {
 namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 TEST(NeesSeries, IsNeesOfEachRowAndNanWhereThereIsNone) {
   MatrixXd errors(3, 2);

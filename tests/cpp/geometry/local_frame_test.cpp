@@ -7,11 +7,12 @@
 #include <stdexcept>
 
 #include "soopnav/core/angle.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::geometry {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 TEST(LocalFrame, RefusesAnOriginThatIsNoPlace) {
   const auto message_of = [](const Geodetic& origin) -> std::string {

@@ -7,11 +7,12 @@
 
 #include "soopnav/core/angle.hpp"
 #include "soopnav/core/constants.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::geometry {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kA = wgs84::kSemiMajorAxisM;
 constexpr double kB = wgs84::kSemiMinorAxisM;
 

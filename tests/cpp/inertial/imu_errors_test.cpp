@@ -12,12 +12,13 @@
 
 #include "soopnav/core/random.hpp"
 #include "support/allocation_count.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::inertial {
 namespace {
 
 using Vector1 = Eigen::Matrix<double, 1, 1>;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // Readings of a sensor at rest.
 std::vector<double> at_rest(const SensorErrorModel& model, double dt_s, int n, std::uint64_t seed) {

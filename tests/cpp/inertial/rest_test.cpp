@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
 #include "inertial/manoeuvre.hpp"
@@ -15,11 +14,12 @@
 #include "soopnav/inertial/imu_guard.hpp"
 #include "soopnav/inertial/static_alignment.hpp"
 #include "soopnav/inertial/zero_velocity.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::inertial {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 Eigen::Vector3d normals(RandomStream& random, double sigma) {
   return sigma * Eigen::Vector3d(random.normal(), random.normal(), random.normal());

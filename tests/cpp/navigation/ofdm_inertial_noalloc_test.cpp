@@ -2,16 +2,16 @@
 
 #include <array>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "estimation/allocation_count.hpp"
 #include "soopnav/navigation/ofdm_inertial_navigator.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::navigation {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 TEST(NoAllocation, OfdmInertialNavigator) {
   if (SOOPNAV_COUNTS_ALLOCATIONS == 0) GTEST_SKIP() << "this allocator cannot be counted";

@@ -11,6 +11,7 @@
 
 #include "navigation/fix_scene.hpp"
 #include "soopnav/core/random.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::navigation {
 namespace {
@@ -21,7 +22,7 @@ using test::town;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 std::string refusal(const Scene& scene, const PositionFixOptions& options = {}) {

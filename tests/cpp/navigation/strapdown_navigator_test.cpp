@@ -3,19 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <stdexcept>
 #include <vector>
 
 #include "measurement/jacobian_battery.hpp"
 #include "navigation/strapdown_scene.hpp"
 #include "support/allocation_count.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::test {
 namespace {
 
 using inertial::ImuStatus;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 struct Case {
   StrapdownScene scene;

@@ -6,20 +6,20 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "soopnav/simulation/channel.hpp"
 #include "support/allocation_count.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::simulation {
 namespace {
 
 using testing::StartsWith;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 const ofdm::Numerology kNumerology{};
 const double kFineM = kNumerology.sample_m() / 15.0;
 

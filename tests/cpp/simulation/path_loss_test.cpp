@@ -1,17 +1,17 @@
 #include "soopnav/simulation/path_loss.hpp"
+#include "support/nan.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
 namespace soopnav::simulation {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 // ITU-R P.525: 32.4 + 20 log10(f / MHz) + 20 log10(d / km), the constant being 32.45 to another digit.
 TEST(PathLoss, FreeSpaceAgainstTheHandbook) {

@@ -6,18 +6,18 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "soopnav/core/constants.hpp"
 #include "support/allocation_count.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::simulation {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 const std::vector<Eigen::Vector2d> kTown{{0, 0}, {100, 0}, {130, 60}, {60, 120}, {60, 200}, {-40, 150}};
 
 struct Pose {

@@ -14,13 +14,14 @@
 #include "soopnav/waveform/ofdm/correlator.hpp"
 #include "soopnav/waveform/ofdm/synthesis.hpp"
 #include "soopnav/waveform/ofdm/two_ray.hpp"
+#include "support/nan.hpp"
 
 namespace soopnav::ofdm {
 namespace {
 
 using testing::StartsWith;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 std::vector<Cf32> string_of(const Numerology& numerology, int symbols, std::uint64_t seed = 1) {
   std::vector<Cf32> out(static_cast<std::size_t>(symbols * numerology.symbol_samples()));

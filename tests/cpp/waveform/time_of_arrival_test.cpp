@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "support/nan.hpp"
 #include "waveform/lte_scene.hpp"
 
 namespace soopnav::lte {
@@ -22,7 +23,7 @@ using test::truth;
 using test::wrapped_s;
 using ::testing::HasSubstr;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using test::kNan;
 
 std::vector<Cf32> capture(const CellParameters& cell, double rate_hz, double duration_s, double snr_db,
                           std::uint64_t seed) {
