@@ -21,7 +21,7 @@ from soopnav_cpp._extras import require
 from soopnav_cpp.cli import text
 from soopnav_cpp.cli.page import page, table
 from soopnav_cpp.cli.progress import Steps
-from soopnav_cpp.scenarios.bearings import Poses, against_own_north, read_poses
+from soopnav_cpp.scenarios.bearings import Poses, against_own_north, covariances_from_ratio, read_poses
 from soopnav_cpp.scenarios.writers import write_table
 
 __all__ = ["METHODS", "Found", "as_json", "find", "print_result", "sentence", "write_report"]
@@ -31,7 +31,6 @@ METHODS = ("music", "capon", "bartlett")
 _BLOCK = 2500
 _MOST_BLOCKS = 200_000
 _MOST_ROWS = 12
-_LEAST_COSINE = 0.05  # of an elevation: beyond it an azimuth means nothing anyway
 _DEAD_DB = -50.0  # of a channel's power to the median of all: nothing is connected to it
 _FREQUENCY_SHARE = 0.01  # by which a recording may be tuned beside the array's frequency without a word
 _FREQUENCY_WRONG = 0.1  # and from where it is another array
@@ -312,11 +311,7 @@ def _smoothed(found: Found, eigenvalues: Array, blocks: int) -> Array:
     block: what a single block says of itself promises too much where the signal is weak."""
     table = array.SigmaMap.build(found.manifold, found.block_samples, seed=0)
     ratio = table.smooth(eigenvalues, epochs=blocks)
-    covariance = np.zeros_like(found.covariance_rad2)
-    for k, of in enumerate(("azimuth", "elevation")):
-        covariance[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64))
-    # The map is one of low emitters: higher up the same angle across the line of sight is more of an azimuth.
-    covariance[:, 0, 0] /= np.square(np.maximum(np.cos(found.elevation_rad), _LEAST_COSINE))
+    covariance = covariances_from_ratio(table, ratio, found.elevation_rad)
     covariance[~found.good] = np.nan
     return covariance
 

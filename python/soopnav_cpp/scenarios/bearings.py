@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +44,8 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 _DECIBEL = {"db": 1.0, "dbm": 1.0}
 _USED = ("", "ok", "accepted")
+_LEAST_COSINE = 0.05  # of an elevation: beyond it an azimuth means nothing anyway
+_KNOWN_ELEVATION_RAD = 0.15  # a deviation at which half of an elevation counts
 _MOST_HEIGHT_M = 1e6
 _MOST_LENGTH_M = 1e8  # beyond it nothing of an ellipse in metres is left
 _DIRECTION_M = 1000.0  # length of the arm that turns a bearing into the map's axes
@@ -513,6 +516,20 @@ class Poses:
         covariance[steep] = np.diag([np.pi**2 / 3.0, 0.0]) + np.zeros((int(steep.sum()), 2, 2))
         covariance[steep, 1, 1] = np.trace(covariance_rad2[steep], axis1=1, axis2=2)
         return np.arctan2(u[:, 1], u[:, 0]), np.arcsin(np.clip(u[:, 2], -1.0, 1.0)), covariance
+
+
+def covariances_from_ratio(table: Any, ratio: Array, elevation_rad: Array) -> Array:
+    """Of azimuth and elevation, shape (n, 2, 2), from the ratios of eigenvalues and a map of the array (carter 5.3).
+
+    The map is one of low emitters. Higher up the same angle across the line of sight is more of an azimuth, by one over
+    the cosine of the elevation, which counts as far as it is known.
+    """
+    covariance = np.zeros((len(ratio), 2, 2))
+    for k, of in enumerate(("azimuth", "elevation")):
+        covariance[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64))
+    known = elevation_rad / (1.0 + covariance[:, 1, 1] / _KNOWN_ELEVATION_RAD**2)
+    covariance[:, 0, 0] /= np.square(np.maximum(np.cos(known), _LEAST_COSINE))
+    return covariance
 
 
 def rotations(quaternion_wxyz: Array) -> Array:

@@ -17,7 +17,14 @@ from soopnav_cpp import array
 from soopnav_cpp.geometry import LocalFrame
 from soopnav_cpp.scenarios import emitters as solving
 from soopnav_cpp.scenarios.base import Truth, Updates
-from soopnav_cpp.scenarios.bearings import BearingsData, Poses, attitude, read_poses, rotations
+from soopnav_cpp.scenarios.bearings import (
+    BearingsData,
+    Poses,
+    attitude,
+    covariances_from_ratio,
+    read_poses,
+    rotations,
+)
 from soopnav_cpp.scenarios.emitters import Emitter
 from soopnav_cpp.scenarios.source_localization import EmitterRun, PlatformSettings, SourceLocalizationScenario
 from soopnav_cpp.simulation import ArrayLink, FrontEnd
@@ -34,7 +41,6 @@ _TONE_SAMPLES = 16_384
 _HEADROOM_DB = 6.0  # of the converters above that tone
 _CHUNK = 64  # epochs whose samples are held at a time
 _MAP_TRIALS = 400
-_LEAST_COSINE = 0.05  # of an elevation: beyond it an azimuth means nothing anyway
 _CACHE: dict[tuple[Any, ...], Any] = {}  # deviations by eigenvalue ratio: the same for all runs of a scenario
 
 
@@ -320,12 +326,7 @@ def _covariances(scenario: SourceLocalizationScenario, manifold: Any, rows: _Row
         return theory
     table = _sigma_map(scenario, manifold)
     ratio = table.smooth(np.array(rows.eigenvalues), epochs=scenario.finder.smooth_epochs)
-    found = np.zeros_like(theory)
-    for k, of in enumerate(("azimuth", "elevation")):
-        found[:, k, k] = np.square(np.asarray(table.sigma(ratio, of=of), dtype=np.float64)[rows.epoch])
-    # The map is one of low emitters: higher up the same angle across the line of sight is more of an azimuth.
-    found[:, 0, 0] /= np.square(np.maximum(np.cos(rows.elevation), _LEAST_COSINE))
-    return found
+    return covariances_from_ratio(table, ratio[rows.epoch], np.array(rows.elevation))
 
 
 def _heard(
