@@ -245,8 +245,8 @@ class SourceLocator:
         (30), ``max_range_m`` (3000), ``outlier_probability`` (0.02), ``heading_bias_sigma_rad`` (0: none estimated),
         ``min_crossing_rad`` (10 degrees), ``triple_spacing`` (10), ``grid_size`` (64), ``max_iterations`` (50),
         ``particles`` (10 000), ``ess_threshold`` (0.5), ``seed`` (0), ``filters`` (10), ``bank_sigma_rad`` (10
-        degrees: the bank starts at the first bearing as good), ``bank_azimuths`` (0; else so many directions at the
-        first bearing), ``max_bearings`` (4096), ``false_alarm_probability`` (1e-4).
+        degrees: the bank starts at the first bearing whose angles are as good), ``bank_azimuths`` (0; else so many
+        directions at the first bearing), ``max_bearings`` (4096), ``false_alarm_probability`` (1e-4).
 
     Raises
     ------
@@ -528,7 +528,8 @@ def locate_source(
         options["max_range_m"] = 20.0 * extent
     options.setdefault("min_range_m", 0.01 * options.get("max_range_m", 3000.0))
     if method == "ekf_bank" and "bank_azimuths" not in options:
-        best = float(np.min(seen.sigmas[:, 0], initial=np.inf, where=seen.sigmas[:, 0] > 0.0))
+        worst = seen.sigmas.max(axis=1)
+        best = float(np.min(worst, initial=np.inf, where=worst > 0.0))
         options["bank_azimuths"] = 0 if best < options.get("bank_sigma_rad", float(np.radians(10.0))) else 12
     options.setdefault("max_bearings", max(4096, len(seen.times_s)))
     locator = SourceLocator(

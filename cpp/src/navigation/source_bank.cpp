@@ -104,9 +104,9 @@ void EkfBank::start(const Kept& kept) noexcept {
 BearingUse EkfBank::step(const Kept& kept) noexcept {
   const bool all_round = options_.bank_azimuths > 0;
   if (!started_) {
-    if (!all_round && !(kept.b.variance_azimuth < options_.bank_sigma_rad * options_.bank_sigma_rad)) {
-      return BearingUse::kWaiting;
-    }
+    const double limit = options_.bank_sigma_rad * options_.bank_sigma_rad;
+    const bool good = kept.b.variance_azimuth < limit && (layout_.dimensions == 2 || kept.b.variance_elevation < limit);
+    if (!all_round && !good) return BearingUse::kWaiting;
     start(kept);
     if (!all_round) return BearingUse::kUsed;  // the bearing is where they stand
   }

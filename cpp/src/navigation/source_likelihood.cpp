@@ -58,15 +58,21 @@ SOOPNAV_INLINE double turn_of(double y, double x) noexcept {
 SOOPNAV_INLINE float turn_of(float y, float x) noexcept {
   const float ax = std::fabs(x);
   const float ay = std::fabs(y);
-  const float low = ax < ay ? ax : ay;
-  const float high = ax < ay ? ay : ax;
+  // What comes of each comparison is chosen at once: asked twice, a compiler works out both ways for every element.
+  const bool steep = ay > ax;
+  const float low = steep ? ax : ay;
+  const float high = steep ? ay : ax;
+  const float sign = steep ? -1.0F : 1.0F;
+  const float corner = steep ? 1.57079633F : 0.0F;
   const bool upper = low > high * 0.41421356F;
-  const float t = (upper ? low - high : low) / ((upper ? low + high : high) + 1e-30F);
+  const float top = upper ? low - high : low;
+  const float bottom = upper ? low + high : high;
+  const float eighth = upper ? 0.785398163F : 0.0F;
+  const float t = top / (bottom + 1e-30F);
   const float z = t * t;
   float sum = kAtanFloat[0];
   for (std::size_t k = 1; k < kAtanFloat.size(); ++k) sum = sum * z + kAtanFloat[k];
-  const float eighth = (t + t * z * sum) + (upper ? 0.785398163F : 0.0F);
-  const float quarter = ay > ax ? 1.57079633F - eighth : eighth;
+  const float quarter = corner + sign * (eighth + (t + t * z * sum));
   return x < 0.0F ? 3.14159265F - quarter : quarter;
 }
 
@@ -85,7 +91,7 @@ SOOPNAV_INLINE double decay(double x) noexcept {
 
 // In single precision, for floors that leave nothing of what is lost below e^-80.
 SOOPNAV_INLINE float decay(float x) noexcept {
-  const float inside = x < 80.0F ? -x : -80.0F;
+  const float inside = -std::min(x, 80.0F);
   const float shifted = inside * 1.44269504F + Cf::kMagic;
   const float n = shifted - Cf::kMagic;
   const float r = (inside - n * Cf::kLn2High) - n * Cf::kLn2Low;
@@ -148,10 +154,24 @@ SOOPNAV_INLINE float coarse_exponent(double x, double y, const CoarseBearing& b)
   const float error = turn_of(dy * b.c - dx * b.s, dx * b.c + dy * b.s);
   return error * error * b.half_inverse;
 }
+// Four bearings taken from logarithms at once, all lengths from a place near: single precision throughout.
+struct NearBearings {
+  std::array<float, 4> x, y, c, s, half_inverse;
+};
 SOOPNAV_TARGET_CLONES_WIDE
-void subtract_coarse(CoarseBearing b, const double* __restrict x, const double* __restrict y, std::size_t n,
-                     double* __restrict logs) noexcept {
-  for (std::size_t i = 0; i < n; ++i) logs[i] -= static_cast<double>(coarse_exponent(x[i], y[i], b));
+void subtract_near(const NearBearings& b, const float* __restrict x, const float* __restrict y, std::size_t n,
+                   double* __restrict logs) noexcept {
+  const NearBearings k = b;
+  for (std::size_t i = 0; i < n; ++i) {
+    float sum = 0.0F;
+    for (std::size_t j = 0; j < 4; ++j) {
+      const float dx = x[i] - k.x[j];
+      const float dy = y[i] - k.y[j];
+      const float error = turn_of(dy * k.c[j] - dx * k.s[j], dx * k.c[j] + dy * k.s[j]);
+      sum += error * error * k.half_inverse[j];
+    }
+    logs[i] -= static_cast<double>(sum);
+  }
 }
 SOOPNAV_TARGET_CLONES_WIDE
 void multiply_coarse(CoarseBearing b, const double* __restrict x, const double* __restrict y, std::size_t n,
@@ -220,15 +240,29 @@ void multiply_shrunk(const double* __restrict exponent, const double* __restrict
   for (std::size_t i = 0; i < n; ++i) product[i] *= decay(exponent[i]) * shrink[i] + floor;
 }
 
+// Eight lanes whatever the vectors: the same sums everywhere. `lanes`: eight sums, eight sums of squares.
+SOOPNAV_TARGET_CLONES_WIDE
+void scale_and_sum(double scale, std::size_t n, double* __restrict w, double* __restrict lanes) noexcept {
+  for (std::size_t i = 0; i < n; i += 8) {
+    for (std::size_t k = 0; k < 8; ++k) {
+      const double v = w[i + k] * scale;
+      w[i + k] = v;
+      lanes[k] += v;
+      lanes[8 + k] += v * v;
+    }
+  }
+}
+
 void roots(std::size_t n, double* values) noexcept {
   for (std::size_t i = 0; i < n; i += P::kWidth) sqrt(P::load(values + i)).store(values + i);
 }
 
 using Block = std::array<double, kBlock>;
+using FloatBlock = std::array<float, kBlock>;
 
-// Deviations above 1e-5 rad, against which 3e-7 is nothing, and floors above what single precision holds.
+// Deviations above 1e-4 rad, against which single precision is nothing, and floors above what it holds.
 bool coarse_enough(const PackedBearing& b, const Density& d, bool space) noexcept {
-  return !space && b.exact_platform() && b.variance_azimuth > 1e-10 && (d.floor == 0.0 || d.floor > 1e-25);
+  return !space && b.exact_platform() && b.variance_azimuth > 1e-8 && (d.floor == 0.0 || d.floor > 1e-25);
 }
 
 // Exponents of the places from `at` on; `shrink` is the root of the ratio of variances unless the bearing is simple.
@@ -269,13 +303,33 @@ void add_block(std::span<const PackedBearing> bearings, std::span<const Density>
   Block shrink;
   Block product;
   product.fill(1.0);
+  FloatBlock near_x;
+  FloatBlock near_y;
+  bool near_known = false;
+  NearBearings near{};
+  std::size_t waiting = 0;
   std::size_t factors = 0;
   for (std::size_t k = 0; k < bearings.size(); ++k) {
     const PackedBearing& b = bearings[k];
     const Density& d = densities[k];
     if (coarse_enough(b, d, space)) {
       if (!floor) {
-        subtract_coarse(CoarseBearing(b, d), &places.x[at], &places.y[at], n, logs);
+        if (waiting == 0 && !near_known) {
+          for (std::size_t i = 0; i < n; ++i) {
+            near_x[i] = static_cast<float>(places.x[at + i] - places.x[at]);
+            near_y[i] = static_cast<float>(places.y[at + i] - places.y[at]);
+          }
+          near_known = true;
+        }
+        near.x[waiting] = static_cast<float>(b.x - places.x[at]);
+        near.y[waiting] = static_cast<float>(b.y - places.y[at]);
+        near.c[waiting] = static_cast<float>(b.cos_azimuth);
+        near.s[waiting] = static_cast<float>(b.sin_azimuth);
+        near.half_inverse[waiting] = static_cast<float>(d.half_inverse_azimuth);
+        if (++waiting == 4) {
+          subtract_near(near, near_x.data(), near_y.data(), n, logs);
+          waiting = 0;
+        }
         continue;
       }
       multiply_coarse(CoarseBearing(b, d), &places.x[at], &places.y[at], n, product.data());
@@ -295,6 +349,10 @@ void add_block(std::span<const PackedBearing> bearings, std::span<const Density>
       take_logs(n, product, logs);
       factors = 0;
     }
+  }
+  if (waiting > 0) {  // those that are missing weigh nothing
+    for (std::size_t j = waiting; j < 4; ++j) near.half_inverse[j] = 0.0F;
+    subtract_near(near, near_x.data(), near_y.data(), n, logs);
   }
   if (factors > 0) take_logs(n, product, logs);
 }
@@ -329,8 +387,7 @@ WeightSum weigh_places(const PackedBearing& bearing, const Places& places, doubl
   const bool coarse = density.floor > 0.0 && coarse_enough(bearing, density, !places.z.empty());
   Block exponent;
   Block shrink;
-  P sums(0);
-  P squares(0);
+  std::array<double, 16> lanes{};
   for (std::size_t at = 0; at < weights.size(); at += kBlock) {
     const std::size_t n = std::min(kBlock, weights.size() - at);
     double* const w = weights.data() + at;
@@ -341,14 +398,9 @@ WeightSum weigh_places(const PackedBearing& bearing, const Places& places, doubl
     } else {
       multiply_density(exponent.data(), density.floor, n, w);
     }
-    for (std::size_t i = 0; i < n; i += P::kWidth) {
-      const P weight = P::load(w + i) * P(scale);
-      weight.store(w + i);
-      sums += weight;
-      squares += weight * weight;
-    }
+    scale_and_sum(scale, n, w, lanes.data());
   }
-  return {sum(sums), sum(squares)};
+  return {sum(P::load(lanes.data())), sum(P::load(lanes.data() + 8))};
 }
 
 void likelihood_surface(std::span<const PackedBearing> bearings, const SurfaceGrid& grid, double outlier_probability,

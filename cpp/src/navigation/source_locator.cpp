@@ -444,7 +444,7 @@ struct SourceLocator::Impl {
           return fix;
         }
         if (!cloud->started()) return fix;
-        cloud->normalize();
+        cloud->show();
         Vector mean{};
         Matrix P{};
         cloud->moments(mean, P);

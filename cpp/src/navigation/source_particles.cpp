@@ -30,8 +30,8 @@ double weighted_product(const double* w, const double* x, double mx, const doubl
 }
 
 SOOPNAV_TARGET_CLONES_WIDE
-void add_scaled(const double* __restrict draw, double scale, std::size_t n, double* __restrict x) noexcept {
-  for (std::size_t i = 0; i < n; ++i) x[i] += scale * draw[i];
+void add_scaled(const float* __restrict draw, double scale, std::size_t n, double* __restrict x) noexcept {
+  for (std::size_t i = 0; i < n; ++i) x[i] += scale * static_cast<double>(draw[i]);
 }
 SOOPNAV_TARGET_CLONES_WIDE
 void shrink(double share, double offset, std::size_t n, double* __restrict x) noexcept {
@@ -44,8 +44,9 @@ Particles::Particles(std::size_t count, std::size_t dimensions)
     : count_(count),
       dimensions_(dimensions),
       weights_(padded(count)),
-      draws_(padded(count)),
+      shown_(count),
       moved_(padded(count)),
+      draws_(padded(count)),
       ancestors_(count) {
   for (std::size_t axis = 0; axis < dimensions_; ++axis) places_[axis].resize(padded(count));
 }
@@ -56,6 +57,7 @@ void Particles::clear(std::uint64_t seed) noexcept {
   total_ = 1.0;
   std::fill(weights_.begin(), weights_.end(), 0.0);
   std::fill_n(weights_.begin(), count_, 1.0 / static_cast<double>(count_));
+  std::fill(shown_.begin(), shown_.end(), 1.0 / static_cast<double>(count_));
 }
 
 void Particles::start(const Vector& mean, double sigma) noexcept {
@@ -95,10 +97,9 @@ bool Particles::weigh(const PackedBearing& bearing, double outlier, double thres
   return true;
 }
 
-void Particles::normalize() noexcept {
-  if (total_ == 1.0) return;
-  shrink(1.0 / total_, 0.0, weights_.size(), weights_.data());
-  total_ = 1.0;
+void Particles::show() noexcept {
+  std::copy_n(weights_.begin(), count_, shown_.begin());
+  shrink(1.0 / total_, 0.0, count_, shown_.data());
 }
 
 void Particles::moments(Vector& mean, Matrix& covariance) const noexcept {

@@ -24,12 +24,13 @@ class Particles {
   /// One bearing; resamples where the effective share falls below `threshold`. False when no particle explains it.
   [[nodiscard]] bool weigh(const PackedBearing& bearing, double outlier, double threshold) noexcept;
   void moments(Vector& mean, Matrix& covariance) const noexcept;
-  void normalize() noexcept;
+  /// Weights that sum to one, for `weights`; the cloud itself stays as it is.
+  void show() noexcept;
 
   [[nodiscard]] std::span<const double> coordinates(std::size_t axis) const noexcept {
     return {places_[axis].data(), count_};
   }
-  [[nodiscard]] std::span<const double> weights() const noexcept { return {weights_.data(), count_}; }
+  [[nodiscard]] std::span<const double> weights() const noexcept { return {shown_.data(), count_}; }
 
  private:
   void resample() noexcept;
@@ -40,7 +41,8 @@ class Particles {
   double total_ = 1.0;
   RandomStream random_;
   std::array<std::vector<double>, 3> places_;
-  std::vector<double> weights_, draws_, moved_;
+  std::vector<double> weights_, shown_, moved_;
+  std::vector<float> draws_;
   std::vector<std::uint32_t> ancestors_;
 };
 

@@ -96,7 +96,7 @@ struct SourceOptions {
   std::uint64_t seed = 0;
 
   int filters = 10;                             // ranges of the bank, geometric from min to max, 2 ... 64
-  double bank_sigma_rad = 0.17453292519943295;  ///< of the bearing that starts it; later ones need not be better
+  double bank_sigma_rad = 0.17453292519943295;  ///< of each angle that starts it; later ones need not be better
   int bank_azimuths = 0;  ///< > 0: no waiting, this many directions times `filters` at the first bearing, at most 36
 
   std::size_t max_bearings = 4096;        ///< kept by the methods that solve for all at once; older ones are dropped
