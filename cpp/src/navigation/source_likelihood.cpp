@@ -12,6 +12,7 @@
 #include "core/target_clones.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/packet_math.hpp"
+#include "soopnav/estimation/particle_loop.hpp"
 
 namespace soopnav::navigation {
 namespace {
@@ -240,17 +241,34 @@ void multiply_shrunk(const double* __restrict exponent, const double* __restrict
   for (std::size_t i = 0; i < n; ++i) product[i] *= decay(exponent[i]) * shrink[i] + floor;
 }
 
-// Eight lanes whatever the vectors: the same sums everywhere. `lanes`: eight sums, eight sums of squares.
-SOOPNAV_TARGET_CLONES_WIDE
-void scale_and_sum(double scale, std::size_t n, double* __restrict w, double* __restrict lanes) noexcept {
-  for (std::size_t i = 0; i < n; i += 8) {
-    for (std::size_t k = 0; k < 8; ++k) {
-      const double v = w[i + k] * scale;
-      w[i + k] = v;
-      lanes[k] += v;
-      lanes[8 + k] += v * v;
-    }
+// Packets: eight lanes whatever the vectors, so the same sums everywhere. `lanes`: eight sums, eight sums of squares.
+SOOPNAV_INLINE void scale_and_sum_of(double scale, std::size_t n, double* w, double* lanes) noexcept {
+  P sums = P::load(lanes);
+  P squares = P::load(lanes + P::kWidth);
+  for (std::size_t i = 0; i < n; i += P::kWidth) {
+    const P weight = P::load(w + i) * P(scale);
+    weight.store(w + i);
+    sums += weight;
+    squares += weight * weight;
   }
+  sums.store(lanes);
+  squares.store(lanes + P::kWidth);
+}
+// Compiled twice by hand: what target_clones copies has its packets taken apart for the baseline already.
+void scale_and_sum_portable(double scale, std::size_t n, double* w, double* lanes) noexcept {
+  scale_and_sum_of(scale, n, w, lanes);
+}
+#if SOOPNAV_WIDE_LOOPS
+[[gnu::flatten, gnu::target("avx2")]] void scale_and_sum_wide(double scale, std::size_t n, double* w,
+                                                              double* lanes) noexcept {
+  scale_and_sum_of(scale, n, w, lanes);
+}
+#endif
+void scale_and_sum(double scale, std::size_t n, double* w, double* lanes) noexcept {
+#if SOOPNAV_WIDE_LOOPS
+  if (soopnav::detail::has_wide_loops()) return scale_and_sum_wide(scale, n, w, lanes);
+#endif
+  scale_and_sum_portable(scale, n, w, lanes);
 }
 
 void roots(std::size_t n, double* values) noexcept {
