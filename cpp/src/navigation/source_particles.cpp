@@ -6,6 +6,7 @@
 #include "core/target_clones.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/packet.hpp"
+#include "soopnav/estimation/particle_loop.hpp"
 #include "soopnav/estimation/resampling.hpp"
 
 namespace soopnav::navigation::detail {
@@ -15,18 +16,33 @@ using P = Packet<double>;
 
 std::size_t padded(std::size_t n) { return (n + P::kWidth - 1) / P::kWidth * P::kWidth; }
 
-double weighted_sum(const double* w, const double* x, double from, std::size_t n) noexcept {
+// Sum of w (x - mx), or of w (x - mx) (y - my). Packets: eight lanes whatever the vectors, so the same sums everywhere.
+struct Product {
+  const double* w;
+  const double* x;
+  const double* y;  // null: the sum
+  double mx, my;
+};
+SOOPNAV_INLINE double sum_of(const Product& p, std::size_t n) noexcept {
   P total(0);
-  for (std::size_t i = 0; i < n; i += P::kWidth) total += P::load(w + i) * (P::load(x + i) - P(from));
-  return sum(total);
-}
-double weighted_product(const double* w, const double* x, double mx, const double* y, double my,
-                        std::size_t n) noexcept {
-  P total(0);
-  for (std::size_t i = 0; i < n; i += P::kWidth) {
-    total += P::load(w + i) * (P::load(x + i) - P(mx)) * (P::load(y + i) - P(my));
+  if (p.y == nullptr) {
+    for (std::size_t i = 0; i < n; i += P::kWidth) total += P::load(p.w + i) * (P::load(p.x + i) - P(p.mx));
+  } else {
+    for (std::size_t i = 0; i < n; i += P::kWidth) {
+      total += P::load(p.w + i) * (P::load(p.x + i) - P(p.mx)) * (P::load(p.y + i) - P(p.my));
+    }
   }
   return sum(total);
+}
+double sum_portable(const Product& p, std::size_t n) noexcept { return sum_of(p, n); }
+#if SOOPNAV_WIDE_LOOPS
+[[gnu::flatten, gnu::target("avx2")]] double sum_wide(const Product& p, std::size_t n) noexcept { return sum_of(p, n); }
+#endif
+double weighted(const Product& p, std::size_t n) noexcept {
+#if SOOPNAV_WIDE_LOOPS
+  if (soopnav::detail::has_wide_loops()) return sum_wide(p, n);
+#endif
+  return sum_portable(p, n);
 }
 
 SOOPNAV_TARGET_CLONES_WIDE
@@ -106,12 +122,12 @@ void Particles::moments(Vector& mean, Matrix& covariance) const noexcept {
   const std::size_t n = weights_.size();
   for (std::size_t i = 0; i < dimensions_; ++i) {
     const double from = places_[i][0];
-    mean[i] = from + weighted_sum(weights_.data(), places_[i].data(), from, n) / total_;
+    mean[i] = from + weighted({weights_.data(), places_[i].data(), nullptr, from, 0.0}, n) / total_;
   }
   for (std::size_t i = 0; i < dimensions_; ++i) {
     for (std::size_t j = 0; j <= i; ++j) {
       covariance[i][j] =
-          weighted_product(weights_.data(), places_[i].data(), mean[i], places_[j].data(), mean[j], n) / total_;
+          weighted({weights_.data(), places_[i].data(), places_[j].data(), mean[i], mean[j]}, n) / total_;
       covariance[j][i] = covariance[i][j];
     }
   }
