@@ -112,14 +112,19 @@ BearingUse EkfBank::step(const Kept& kept) noexcept {
   }
   const double dt_s = kept.t_s - t_s_;
   t_s_ = kept.t_s;
+  const double floor = options_.outlier_probability / (layout_.dimensions == 3 ? kTwoPi * kPi : kTwoPi);
   bool any = false;
   double best = -std::numeric_limits<double>::infinity();
   for (Member& m : members_) {
     if (m.log_weight < kDead) continue;
     propagate(layout_, dt_s, options_.acceleration_psd, m.g);
     double density = 0.0;
-    if (update(layout_, kept.t_s, kept, m.g, density)) {
-      m.log_weight += density;
+    Gaussian updated = m.g;
+    if (update(layout_, kept.t_s, kept, updated, density)) {
+      // A bearing more likely from anywhere than from this member's source does not move it.
+      const double normal = (1.0 - options_.outlier_probability) * std::exp(density);
+      if (normal >= floor) m.g = updated;
+      m.log_weight += floor > 0.0 ? std::log(normal + floor) : density;
       any = true;
     } else {
       m.log_weight += kDead;  // it stands on the platform, from where the bearing has no density

@@ -82,7 +82,7 @@ struct SourceOptions {
 
   double min_range_m = 30.0;            ///< nearest source a bank without a start looks for, > 0
   double max_range_m = 3000.0;          ///< farthest source that bank, grid and particles look for, > min_range_m
-  double outlier_probability = 0.02;    ///< of a bearing from anywhere (likelihood and particles), in [0, 1)
+  double outlier_probability = 0.02;    ///< of a bearing from anywhere (likelihood, bank, particles), in [0, 1)
   double heading_bias_sigma_rad = 0.0;  ///< > 0: a constant error of all azimuths is estimated, of this 1-sigma
 
   double min_crossing_rad = 0.17453292519943295;  ///< of the bearings of a triangle, modulo half a turn (10 degrees)
