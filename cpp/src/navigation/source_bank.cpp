@@ -119,11 +119,10 @@ BearingUse EkfBank::step(const Kept& kept) noexcept {
     if (m.log_weight < kDead) continue;
     propagate(layout_, dt_s, options_.acceleration_psd, m.g);
     double density = 0.0;
-    Gaussian updated = m.g;
-    if (update(layout_, kept.t_s, kept, updated, density)) {
-      // A bearing more likely from anywhere than from this member's source does not move it.
+    if (update(layout_, kept.t_s, kept, m.g, density)) {
+      // With the floor one bearing from anywhere cannot wake a wrong member. All are moved by it: one that refused
+      // bearings would stay where it went wrong.
       const double normal = (1.0 - options_.outlier_probability) * std::exp(density);
-      if (normal >= floor) m.g = updated;
       m.log_weight += floor > 0.0 ? std::log(normal + floor) : density;
       any = true;
     } else {
