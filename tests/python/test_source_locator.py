@@ -253,6 +253,15 @@ def test_bad_bearings_are_left_out_and_said_so() -> None:
 
 
 @pytest.mark.unit
+def test_a_filter_that_went_wrong_says_so() -> None:
+    p = np.array([[0.0, 0.0], [100.0, 0.0], [200.0, 0.0]])
+    fix = locate_source(p, heard(p, np.array([150.0, 80.0]), 0.0, 1, 1)[0], 0.01, "ekf")
+    assert float(np.linalg.norm(fix.position_m - [150.0, 80.0])) > 10.0 * float(np.sqrt(np.trace(fix.covariance_m2)))
+    assert fix.status is SourceStatus.INCONSISTENT
+    assert fix.chi_square > 50.0
+
+
+@pytest.mark.unit
 def test_contradictory_bearings_are_inconsistent() -> None:
     p = drive()
     z = heard(p, SOURCE, 0.01, 1, 1)[0]

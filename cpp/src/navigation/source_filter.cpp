@@ -111,12 +111,14 @@ void propagate(const Layout& layout, double dt_s, double psd, Gaussian& g) noexc
   }
 }
 
-bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g, double& log_density) noexcept {
+bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g, double& log_density,
+            double* nis) noexcept {
   Angles angles;
   if (!predict(layout, g.x, t_s, kept, angles)) return false;
   const std::size_t n = layout.size();
   Gaussian next = g;
   log_density = 0.0;
+  double squares = 0.0;
   for (std::size_t row = 0; row + 1 < layout.dimensions; ++row) {
     const Vector& h = angles.gradient[row];
     Vector ph{};
@@ -129,6 +131,7 @@ bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g, dou
     for (std::size_t i = 0; i < n; ++i) s += h[i] * ph[i];
     if (!(s > 0.0) || !std::isfinite(s)) return false;
     log_density -= 0.5 * (innovation * innovation / s + std::log(kTwoPi * s));
+    squares += innovation * innovation / s;
     Vector k{};
     for (std::size_t i = 0; i < n; ++i) {
       k[i] = ph[i] / s;
@@ -144,6 +147,7 @@ bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g, dou
     }
   }
   g = next;
+  if (nis != nullptr) *nis = squares;
   return true;
 }
 

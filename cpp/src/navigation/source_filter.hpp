@@ -58,9 +58,10 @@ struct Gaussian {
 void propagate(const Layout& layout, double dt_s, double psd, Gaussian& g) noexcept;
 
 /// Extended Kalman update with all angles of a bearing (carter 5.10 to 5.13, in Joseph's form). Writes ln of the
-/// innovation's density. False, and nothing changed, when the prediction is undefined or a number is not finite.
-[[nodiscard]] bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g,
-                          double& log_density) noexcept;
+/// innovation's density and, where asked, its normalised square. False, and nothing changed, when the prediction is
+/// undefined or a number is not finite.
+[[nodiscard]] bool update(const Layout& layout, double t_s, const Kept& kept, Gaussian& g, double& log_density,
+                          double* nis = nullptr) noexcept;
 
 /// Position, velocity, heading bias and their covariances into `fix`, with the horizontal CEP.
 void write_state(const Layout& layout, const Vector& x, const Matrix& P, SourceFix& fix) noexcept;

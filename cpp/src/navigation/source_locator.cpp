@@ -1,7 +1,9 @@
 #include "soopnav/navigation/source_locator.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "navigation/source_bank.hpp"
@@ -48,6 +50,19 @@ struct Heading {
 }  // namespace
 
 struct SourceLocator::Impl {
+  // The last innovations of the one filter, squared and normalised: whether it still believes what it hears.
+  struct Recent {
+    static constexpr std::size_t kLength = 12;
+    std::array<double, kLength> nis{};
+    std::size_t count = 0;
+
+    void add(double value) noexcept { nis[count++ % kLength] = value; }
+    [[nodiscard]] std::size_t size() const noexcept { return std::min(count, kLength); }
+    [[nodiscard]] double sum() const noexcept {
+      return std::accumulate(nis.begin(), nis.begin() + static_cast<std::ptrdiff_t>(size()), 0.0);
+    }
+  };
+
   SourceOptions options;
   Layout layout;
   std::vector<Kept> kept;
@@ -63,6 +78,7 @@ struct SourceLocator::Impl {
   std::size_t seen = 0;  // bearings since the start, for the triangles' spacing
   bool started = false;
   Gaussian state;
+  Recent recent;
   EkfBank bank;
   std::unique_ptr<Particles> cloud;
   std::unique_ptr<SearchGrid> grid;
@@ -92,6 +108,7 @@ struct SourceLocator::Impl {
     reach_m = grid_radius_m = 0.0;
     heading = {};
     triples = {};
+    recent = {};
     bank.clear();
     previous = {};
     if (cloud) cloud->clear(options.seed);
@@ -165,11 +182,13 @@ struct SourceLocator::Impl {
       propagate(layout, k.t_s - newest.t_s, options.acceleration_psd, state);
     }
     double density = 0.0;
-    if (!update(layout, k.t_s, k, state, density)) {
+    double nis = 0.0;
+    if (!update(layout, k.t_s, k, state, density, &nis)) {
       // The state stands at the new bearing's time all the same.
       newest.t_s = k.t_s;
       return BearingUse::kUndefined;
     }
+    recent.add(nis);
     return BearingUse::kUsed;
   }
 
@@ -420,8 +439,14 @@ struct SourceLocator::Impl {
       case SourceMethod::kExtendedKalman:
         if (!started) return fix;
         write_state(layout, state.x, state.P, fix);
+        fix.chi_square = recent.sum();
+        fix.degrees_of_freedom = static_cast<int>(recent.size() * (layout.dimensions - 1));
         fix.status = SourceStatus::kConverged;
-        judge(fix);
+        if (recent.size() > 0 && regularized_gamma_q(0.5 * static_cast<double>(fix.degrees_of_freedom),
+                                                     0.5 * fix.chi_square) < options.false_alarm_probability) {
+          fix.status = SourceStatus::kInconsistent;
+        }
+        if (fix.status == SourceStatus::kConverged) judge(fix);
         return fix;
       case SourceMethod::kEkfBank: {
         Gaussian merged;

@@ -19,7 +19,7 @@
 namespace soopnav::clock {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 std::vector<double> record(const Oscillator& clock, double dt_s, std::size_t n, std::uint64_t seed) {
   ClockSimulator simulator(clock.noise(), RandomStream(seed), {10.0, 0.3});

@@ -20,7 +20,7 @@ namespace soopnav::clock {
 namespace {
 
 constexpr ClockNoise kNoise{0.036, 0.141};
-using test::kNan;
+using ::soopnav::test::kNan;
 
 TEST(ClockSimulator, SameSeedSameClock) {
   const std::vector<double> t{0.0, 0.1, 0.1, 5.0};

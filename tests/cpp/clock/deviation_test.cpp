@@ -19,7 +19,7 @@
 namespace soopnav::clock {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr std::array kKinds{DeviationKind::kAllan,         DeviationKind::kOverlappingAllan,
                             DeviationKind::kModifiedAllan, DeviationKind::kTime,
                             DeviationKind::kHadamard,      DeviationKind::kOverlappingHadamard};

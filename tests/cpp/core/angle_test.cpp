@@ -11,7 +11,7 @@
 namespace soopnav {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 TEST(Angle, DegreesAndRadians) {

@@ -10,7 +10,7 @@
 namespace soopnav {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::int64_t kMaxSeconds = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kMinSeconds = std::numeric_limits<std::int64_t>::min();

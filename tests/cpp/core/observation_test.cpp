@@ -10,7 +10,7 @@
 namespace soopnav {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 const Epoch kEpoch(TimeScale::kGps, 1000, 0.5);
 
 Observation three() {

@@ -31,7 +31,7 @@ using Clocked = PositionClock<EnuFrame>;
 using Planar = PlanarInertialState;
 using Posed = ComposedState<EnuFrame, Role<3, PositionTag>, Role<3, AttitudeTag>>;
 using Bearing = Azimuth<PlanarFrame, Role<1, HeadingTag>>;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // The body's rotation seen through one known direction: three numbers, C(q)ᵀ d. Written in components, so that sigma
 // points and particles take it too.

@@ -17,7 +17,7 @@ namespace {
 
 using Eigen::Matrix4d;
 using Eigen::MatrixXd;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // Position and clock wander; the pseudoranges of five sources measure them.
 using State = PositionClock<EnuFrame>;

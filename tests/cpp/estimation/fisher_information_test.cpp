@@ -22,7 +22,7 @@ using Pr = Pseudorange<EnuFrame>;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 const std::vector<Eigen::Vector3d> kSources{
     {1000, 0, 50}, {-300, 900, 20}, {-800, -700, 90}, {200, -900, 400}, {50, 60, 1500}};
 

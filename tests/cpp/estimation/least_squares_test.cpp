@@ -20,7 +20,7 @@ namespace {
 
 using State = PositionClock<EnuFrame>;
 using Pr = Pseudorange<EnuFrame>;
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 const std::vector<Eigen::Vector3d> kSources{

@@ -22,7 +22,7 @@ using test::DenseSystem;
 using test::matrix_at;
 using test::vector_at;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 DenseSystem scalar(double F, double Q, double H, double R, double x0, double P0) {
   const auto one = [](double v) { return RowMajorMatrix(RowMajorMatrix::Constant(1, 1, v)); };

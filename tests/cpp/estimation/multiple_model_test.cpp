@@ -19,7 +19,7 @@ using test::Fix;
 using test::Motion;
 using test::PlanarRange;
 using test::Vehicle;
-using test::kNan;
+using ::soopnav::test::kNan;
 using Clock = ComposedState<PlanarFrame, Role<1, ClockBiasTag>>;
 struct Seen {
   static constexpr int kDim = 1;

@@ -16,7 +16,7 @@ namespace {
 using Eigen::MatrixXd;
 using MovingState = PositionVelocityClock<EnuFrame, 3>;
 using Pr = Pseudorange<EnuFrame>;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 Eigen::Matrix<double, 8, 8> step(double dt) {
   Eigen::Matrix<double, 8, 8> F = Eigen::Matrix<double, 8, 8>::Identity();

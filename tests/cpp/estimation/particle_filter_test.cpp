@@ -28,7 +28,7 @@ using Line = ComposedState<PlanarFrame, Role<1, PositionTag>>;
 using LineFilter = ParticleFilter<Line>;
 using Square1 = Eigen::Matrix<double, 1, 1>;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct LinePosition {

@@ -26,7 +26,7 @@ using test::PairMarginalized;
 using test::Place;
 using test::Sum;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // Stays where it is.
 struct Rest {

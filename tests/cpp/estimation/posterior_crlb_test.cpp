@@ -16,7 +16,7 @@ using Eigen::Matrix2d;
 using Eigen::Matrix4d;
 using Eigen::MatrixXd;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // Position and velocity in a plane, driven by white acceleration: four states, two noises, Q of rank two.
 struct Motion {

@@ -22,7 +22,7 @@ using test::DenseSystem;
 using test::matrix_at;
 using test::vector_at;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 struct Smoothed {
   std::vector<double> x, P;

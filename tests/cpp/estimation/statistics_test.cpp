@@ -10,7 +10,7 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 TEST(NeesSeries, IsNeesOfEachRowAndNanWhereThereIsNone) {
   MatrixXd errors(3, 2);

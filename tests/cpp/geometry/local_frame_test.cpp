@@ -12,7 +12,7 @@
 namespace soopnav::geometry {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 TEST(LocalFrame, RefusesAnOriginThatIsNoPlace) {
   const auto message_of = [](const Geodetic& origin) -> std::string {

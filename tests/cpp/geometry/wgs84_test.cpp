@@ -12,7 +12,7 @@
 namespace soopnav::geometry {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kA = wgs84::kSemiMajorAxisM;
 constexpr double kB = wgs84::kSemiMinorAxisM;
 

@@ -18,7 +18,7 @@ namespace soopnav::inertial {
 namespace {
 
 using Vector1 = Eigen::Matrix<double, 1, 1>;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // Readings of a sensor at rest.
 std::vector<double> at_rest(const SensorErrorModel& model, double dt_s, int n, std::uint64_t seed) {

@@ -19,7 +19,7 @@
 namespace soopnav::inertial {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 Eigen::Vector3d normals(RandomStream& random, double sigma) {
   return sigma * Eigen::Vector3d(random.normal(), random.normal(), random.normal());

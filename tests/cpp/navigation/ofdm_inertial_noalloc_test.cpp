@@ -11,7 +11,7 @@
 namespace soopnav::navigation {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 TEST(NoAllocation, OfdmInertialNavigator) {
   if (SOOPNAV_COUNTS_ALLOCATIONS == 0) GTEST_SKIP() << "this allocator cannot be counted";

@@ -22,7 +22,7 @@ using test::town;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 std::string refusal(const Scene& scene, const PositionFixOptions& options = {}) {

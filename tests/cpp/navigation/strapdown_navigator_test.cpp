@@ -15,7 +15,7 @@ namespace soopnav::test {
 namespace {
 
 using inertial::ImuStatus;
-using test::kNan;
+using ::soopnav::test::kNan;
 
 struct Case {
   StrapdownScene scene;

@@ -13,7 +13,7 @@ namespace {
 
 using testing::StartsWith;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 template <class Call>

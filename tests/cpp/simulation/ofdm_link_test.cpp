@@ -19,7 +19,7 @@ namespace {
 
 using testing::StartsWith;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 const ofdm::Numerology kNumerology{};
 const double kFineM = kNumerology.sample_m() / 15.0;
 

@@ -11,7 +11,7 @@
 namespace soopnav::simulation {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 // ITU-R P.525: 32.4 + 20 log10(f / MHz) + 20 log10(d / km), the constant being 32.45 to another digit.
 TEST(PathLoss, FreeSpaceAgainstTheHandbook) {

@@ -17,7 +17,7 @@
 namespace soopnav::simulation {
 namespace {
 
-using test::kNan;
+using ::soopnav::test::kNan;
 const std::vector<Eigen::Vector2d> kTown{{0, 0}, {100, 0}, {130, 60}, {60, 120}, {60, 200}, {-40, 150}};
 
 struct Pose {

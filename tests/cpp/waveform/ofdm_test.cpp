@@ -21,7 +21,7 @@ namespace {
 
 using testing::StartsWith;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 std::vector<Cf32> string_of(const Numerology& numerology, int symbols, std::uint64_t seed = 1) {
   std::vector<Cf32> out(static_cast<std::size_t>(symbols * numerology.symbol_samples()));

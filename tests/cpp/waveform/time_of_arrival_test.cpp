@@ -23,7 +23,7 @@ using test::truth;
 using test::wrapped_s;
 using ::testing::HasSubstr;
 
-using test::kNan;
+using ::soopnav::test::kNan;
 
 std::vector<Cf32> capture(const CellParameters& cell, double rate_hz, double duration_s, double snr_db,
                           std::uint64_t seed) {

@@ -126,7 +126,9 @@ struct SourceFix {
   double heading_bias_rad = kNan;
   double heading_bias_sigma_rad = kNan;
   double cep_m = kNan;         ///< radius that holds the horizontal error with probability one half
-  double chi_square = kNan;    ///< of the residuals of bearings that are no outliers (methods that keep the bearings)
+  /// Of the residuals of bearings that are no outliers (methods that keep the bearings); of the last twelve innovations
+  /// (EKF).
+  double chi_square = kNan;
   int degrees_of_freedom = 0;  ///< of `chi_square`
   std::size_t used = 0;        ///< bearings
   std::size_t rejected = 0;    ///< bearings left out: not finite, bad sigma, out of order, waiting
