@@ -21,7 +21,8 @@ from soopnav_cpp._extras import require
 from soopnav_cpp.cli import text
 from soopnav_cpp.cli.page import page, table
 from soopnav_cpp.cli.progress import Steps
-from soopnav_cpp.scenarios.bearings import Poses, against_own_north, covariances_from_ratio, read_poses
+from soopnav_cpp.scenarios.places import against_own_north
+from soopnav_cpp.scenarios.poses import Poses, covariances_from_ratio, read_poses
 from soopnav_cpp.scenarios.writers import write_table
 
 __all__ = ["METHODS", "Found", "as_json", "find", "print_result", "sentence", "write_report"]

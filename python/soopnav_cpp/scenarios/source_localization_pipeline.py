@@ -17,15 +17,9 @@ from soopnav_cpp import array
 from soopnav_cpp.geometry import LocalFrame
 from soopnav_cpp.scenarios import emitters as solving
 from soopnav_cpp.scenarios.base import Truth, Updates
-from soopnav_cpp.scenarios.bearings import (
-    BearingsData,
-    Poses,
-    attitude,
-    covariances_from_ratio,
-    read_poses,
-    rotations,
-)
+from soopnav_cpp.scenarios.bearings import BearingsData
 from soopnav_cpp.scenarios.emitters import Emitter
+from soopnav_cpp.scenarios.poses import Poses, attitude, covariances_from_ratio, read_poses, rotations
 from soopnav_cpp.scenarios.source_localization import EmitterRun, PlatformSettings, SourceLocalizationScenario
 from soopnav_cpp.simulation import ArrayLink, FrontEnd
 
