@@ -273,16 +273,59 @@ def test_channels_that_are_dead_or_broken(tmp_path: Path, roof: Path) -> None:
 
     path = capture(tmp_path, "dead", samples(roof, edit=dead))
     result = run("df", path, "--array", roof, "--out", tmp_path / "a", code=2)
-    assert "channel 3 is dead" in result.stdout
+    assert "channel 2 is dead" in result.stdout
     assert "no bearing in 4 blocks: 4 dead channel" in result.stdout
     assert (tmp_path / "a" / "report.html").exists()
     path = capture(tmp_path, "nan", samples(roof, edit=broken))
     result = run("df", path, "--array", roof, "--out", tmp_path / "b")
-    assert "channel 2 holds NaN" in result.stdout
+    assert "channel 1 holds NaN" in result.stdout
+    assert "is dead" not in result.stdout
     status = [row["status"] for row in rows(tmp_path / "b")]
     assert status == ["ok", "non_finite", "ok", "ok"]
     assert rows(tmp_path / "b")[1]["azimuth_deg"] == ""
     assert len(read_bearings_of(tmp_path / "b")) == 3
+
+
+@pytest.mark.usefixtures("plain")
+def test_a_channel_of_nan_alone_makes_no_other_dead(tmp_path: Path, roof: Path) -> None:
+    def broken(iq: npt.NDArray[np.complex64]) -> None:
+        iq[0] = np.nan
+        iq[3] = 0.0
+
+    path = capture(tmp_path, "x", samples(roof, n=2500, edit=broken))
+    shown = run("df", path, "--array", roof, "--out", tmp_path / "o", code=2).stdout
+    assert "channel 0 holds NaN" in shown
+    assert "channel 3 is dead" in shown
+
+
+@pytest.mark.usefixtures("plain")
+def test_a_calibration_of_another_recording(tmp_path: Path, roof: Path) -> None:
+    """Its carrier and its sampling rate are the recording's, not those of the array's description."""
+    geometry = array.load_array(roof).geometry
+    tone = np.tile(30.0 * np.exp(2j * np.pi * 0.0625 * np.arange(20_000)), (4, 1))
+    tone = (tone + np.random.default_rng(1).standard_normal(tone.shape)).astype(np.complex64)
+    iq = samples(roof, n=2500)
+    near_hz = FREQUENCY_HZ + 1e6
+    for rate_hz, frequency_hz, sentence in (
+        (RATE_HZ, near_hz, "made at 1576.420000 MHz, not at 1575.420000 MHz"),
+        (2e6, FREQUENCY_HZ, "made at 2e+06 samples per second, not at 1e+06"),
+    ):
+        path = capture(tmp_path, "here", iq)
+        made = array.calibrate(tone, rate_hz, 0.0625 * rate_hz, geometry, frequency_hz=frequency_hz)
+        made.save(tmp_path / "cal.json")
+        arguments = ["df", path, "--array", roof, "--calibration", tmp_path / "cal.json", "--out", tmp_path / "o"]
+        assert f"cal.json for {path.name}: {sentence}" in run(*arguments, code=2).stderr
+    # Both recordings are tuned beside what the array is described at: they belong together.
+    path = capture(tmp_path, "near", iq, center_frequency_hz=near_hz)
+    heard = capture(tmp_path, "tone", tone, center_frequency_hz=near_hz)
+    run("calibrate", heard, "--tone", 0.0625 * RATE_HZ, "--array", roof, "--out", tmp_path / "own.json")
+    run("df", path, "--array", roof, "--calibration", tmp_path / "own.json", "--out", tmp_path / "o")
+
+
+@pytest.mark.parametrize("option", ["--start", "--block-s", "--every-s", "--lowest-elevation"])
+def test_numbers_that_are_none(tmp_path: Path, roof: Path, option: str) -> None:
+    result = run("df", "x.sigmf-meta", "--array", roof, option, "nan", "--out", tmp_path / "o", code=2)
+    assert f"'{option}': nan: a finite number expected" in result.stderr
 
 
 def read_bearings_of(folder: Path) -> list[dict[str, str]]:

@@ -72,7 +72,7 @@ def find(
             metadata.sample_rate_hz,
             tone,
             geometry,
-            frequency_hz=geometry.frequency_hz,
+            frequency_hz=geometry.frequency_hz if tuned is None else tuned,
             reference=reference,
             tolerance_hz=tolerance,
         )

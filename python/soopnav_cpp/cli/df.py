@@ -139,18 +139,23 @@ def _check_capture(path: Path, iq: npt.NDArray[np.complex64], metadata: io.Metad
                 f"{path.name}: tuned to {text.megahertz(tuned)}, the array is described at "
                 f"{text.megahertz(geometry.frequency_hz)}: bearings are off by up to {100.0 * off:.1f} %"
             )
-    broken = [m + 1 for m in range(elements) if not np.isfinite(iq[m].view(np.float32)).all()]
+    broken = [m for m in range(elements) if not np.isfinite(iq[m].view(np.float32)).all()]
     if broken:
         warnings.append(f"{path.name}: channel {text.listing([str(m) for m in broken])} holds NaN or infinity")
-    power = np.array([np.mean(np.square(np.abs(row[np.isfinite(row)]), dtype=np.float64)) if row.size else 0.0
-                      for row in iq])  # fmt: skip
-    usual = float(np.median(power))
-    dead = [m + 1 for m in range(elements) if not power[m] > usual * 10.0 ** (_DEAD_DB / 10.0)]
+    power = np.array([_power(row) for row in iq])
+    usual = float(np.nanmedian(power)) if np.isfinite(power).any() else 0.0
+    dead = [m for m in range(elements) if power[m] <= usual * 10.0 ** (_DEAD_DB / 10.0)]  # NaN is not dead but broken
     if dead:
         warnings.append(
             f"{path.name}: channel {text.listing([str(m) for m in dead])} is dead (nothing in it): its cable, its gain?"
         )
     return warnings
+
+
+def _power(row: npt.NDArray[np.complex64]) -> float:
+    """Of the samples of a channel that are numbers; NaN without any."""
+    good = row[np.isfinite(row)]
+    return float(np.mean(np.square(np.abs(good), dtype=np.float64))) if good.size else math.nan
 
 
 def _own_calibration(array_path: Path) -> Path | None:
@@ -207,7 +212,8 @@ def find(
     correction = None
     calibration = calibration or _own_calibration(array_path)
     if calibration is not None:
-        correction = array.Calibration.load(calibration, geometry=geometry, frequency_hz=geometry.frequency_hz)
+        correction = array.Calibration.load(calibration)
+        correction.check(geometry, where=str(calibration))  # carrier and rate are each recording's
     way = None if poses is None else read_poses(poses)
     with python_warnings.catch_warnings(record=True) as said:
         python_warnings.simplefilter("always", array.AmbiguityWarning)
@@ -231,6 +237,14 @@ def find(
                 "one sample rate expected"
             )
         warnings += _check_capture(path, iq, metadata, geometry)
+        if correction is not None:
+            tuned = metadata.center_frequency_hz
+            correction.check(
+                geometry,
+                geometry.frequency_hz if tuned is None else tuned,
+                metadata.sample_rate_hz,
+                where=f"{calibration} for {path.name}",
+            )
         if samples < 2 * elements:
             raise ValueError(f"--block-samples {samples}: at least {2 * elements} expected with {elements} elements")
         if iq.shape[1] < samples:
