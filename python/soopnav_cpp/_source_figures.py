@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
 _MOST_RAYS = 90
 _MOST_FIXES = 9
+_NOBODY = "#8a949c"  # of bearings that belong to no emitter
 
 
 def _plane(name: str, values: npt.ArrayLike) -> Array:
@@ -107,7 +108,8 @@ def bearings_map(
     fixes : SourceFix or alike, or mapping of str to such, optional
         With ``position_m`` and ``covariance_m2``; a bare position will do.
     source : array_like of int, shape (n,), optional
-        Whose bearing it is: colours them.
+        Whose bearing it is, as an index into `fixes`: it has the colour of that position, which may be None; grey where
+        it is -1, of nobody.
     truth_m : array_like, shape (d,) or (m, d), optional
         Where the emitter is, or how it moved.
     line : (point, bearing) of shape (2,) and radians, optional
@@ -126,6 +128,10 @@ def bearings_map(
     sigma = np.full(len(bearing), 0.05) if sigmas_rad is None else np.broadcast_to(
         np.asarray(sigmas_rad, dtype=np.float64), bearing.shape)  # fmt: skip
     who = np.zeros(len(bearing), np.int64) if source is None else np.asarray(source, dtype=np.int64)
+    if len(who) != len(places):
+        raise ValueError(f"source: expected {len(places)} values, got {len(who)}")
+    shift = 0 if source is None else 1  # of rays; without owners they have a colour of their own
+    numbers = {name: k for k, name in enumerate(_name(fixes))}
     named = {name: item for name, item in list(_name(fixes).items())[:_MOST_FIXES] if _place(item) is not None}
     points = [_place(item) for item in named.values()]
     targets = np.array([p for p in points if p is not None]).reshape(-1, 2)
@@ -148,13 +154,14 @@ def bearings_map(
         axes = figure.add_subplot(grid[0, which])
         _style(axes, "" if which == 0 else "Enlarged", "east [m]", "north [m]")
         axes.set_aspect("equal", adjustable="box")
-        _rays(axes, places, bearing, sigma, who, targets, 2.0 * reach)
+        _rays(axes, places, bearing, sigma, [_colour(int(k) + shift, int(k)) for k in who], targets, 2.0 * reach)
         axes.plot(places[:, 0], places[:, 1], "-", color=_INK, linewidth=1.3, zorder=3, label="platform")
         axes.plot(places[:, 0], places[:, 1], ".", color=_INK, markersize=2.5, zorder=3)
         if which == 0:
             axes.plot([places[0, 0]], [places[0, 1]], "o", color=_INK, markersize=6, zorder=4, label="start")
-        for k, (name, item) in enumerate(named.items()):
-            _draw_fix(axes, item, _COLOURS[(k + 1) % len(_COLOURS)], name, filled=k == 0 or source is not None)
+        for name, item in named.items():
+            k = numbers[name]
+            _draw_fix(axes, item, _colour(k + 1, k), name, filled=k == 0 or k in who)
         if line is not None:
             point, angle = np.asarray(line[0], dtype=np.float64)[:2], float(line[1])
             arm = 2.0 * reach * np.array([math.cos(angle), math.sin(angle)])
@@ -197,7 +204,7 @@ def _near(targets: Array, named: Mapping[str, Any], right: Array | None, reach: 
 
 
 def _rays(
-    axes: Axes, places: Array, bearing: Array, sigma: Array, who: npt.NDArray[np.int64], targets: Array, length: float
+    axes: Axes, places: Array, bearing: Array, sigma: Array, colour: list[str], targets: Array, length: float
 ) -> None:
     """A share of the bearings as lines, darker where they are better."""
     pick = np.unique(np.linspace(0, len(bearing) - 1, min(_MOST_RAYS, len(bearing))).round().astype(int))
@@ -210,11 +217,14 @@ def _rays(
         ends = 1.25 * np.linalg.norm(places[:, None] - targets, axis=2).max(axis=1)
     collections = require("matplotlib.collections", "plot", "drawing")
     arms = ends[drawn, None] * np.column_stack([np.cos(bearing[drawn]), np.sin(bearing[drawn])])
-    colours = [
-        (*_rgb(_COLOURS[int(who[k]) % len(_COLOURS)]), 0.1 + 0.4 * min(1.0, best / float(sigma[k]))) for k in drawn
-    ]
+    colours = [(*_rgb(colour[k]), 0.1 + 0.4 * min(1.0, best / float(sigma[k]))) for k in drawn]
     rays = np.stack([places[drawn], places[drawn] + arms], axis=1)
     axes.add_collection(collections.LineCollection(rays, colors=colours, linewidths=0.7, zorder=1), autolim=False)
+
+
+def _colour(at: int, owner: int) -> str:
+    """Of a position and of its bearings; grey without an owner."""
+    return _NOBODY if owner < 0 else _COLOURS[at % len(_COLOURS)]
 
 
 def _rgb(colour: str) -> tuple[float, float, float]:

@@ -95,6 +95,22 @@ def test_the_map_has_rays_fixes_and_what_is_small_enlarged():
     assert "ml" in [text.get_text() for text in large.get_legend().get_texts()]
 
 
+def test_a_bearing_has_the_colour_of_its_emitter():
+    """Also beside an emitter without a position; those of nobody have a colour that no emitter has."""
+    places = np.column_stack([np.linspace(-50.0, 50.0, 4), np.zeros(4)])
+    fixes = {"a": [0.0, 80.0], "lost": None, "c": [30.0, 90.0]}
+    figure = plotting.bearings_map(places, np.full(4, 1.5), fixes=fixes, source=[0, 1, 2, -1])
+    to_rgb = pytest.importorskip("matplotlib.colors").to_rgb
+    rays = [tuple(colour[:3]) for colour in figure.axes[0].collections[0].get_colors()]
+    assert len(set(rays)) == 4
+    stars = {line.get_label(): to_rgb(line.get_color()) for line in figure.axes[0].get_lines()}
+    assert stars["a"] == pytest.approx(rays[0])
+    assert stars["c"] == pytest.approx(rays[2])
+    assert max(rays[3]) - min(rays[3]) < 0.1  # grey
+    with pytest.raises(ValueError, match="source: expected 4 values, got 1"):
+        plotting.bearings_map(places, np.full(4, 1.5), source=[0])
+
+
 def test_a_map_without_a_fix_has_the_line():
     figure = plotting.bearings_map([[5.0, 5.0]] * 3, [0.1, 0.12, 0.11], line=([5.0, 5.0], 0.11))
     labels = {line.get_label(): line for line in figure.axes[0].get_lines()}

@@ -106,7 +106,8 @@ def figures(scenario: SourceLocalizationScenario, run: EmitterRun) -> dict[str, 
     found: dict[str, Figure] = {}
     several = len(run.located) > 1
     if several:
-        fixes = {one.name: one.fix for one in run.located if one.found}
+        of = {one.name: one.fix for one in run.located if one.found}
+        fixes = {name: of.get(name) for name in scenario.emitter_names}  # in the order that `heard.nearest` counts
     else:
         fixes = {name: fix for name, fix in run.located[0].fixes.items() if has_position(fix)}
     moving = any(any(item.velocity_mps) for item in scenario.emitters)
