@@ -144,7 +144,7 @@ def _pose(data: BearingsData, dimensions: int) -> dict[str, Any]:
     return known
 
 
-def separate(data: BearingsData, *, force: bool = False) -> tuple[dict[str, BearingsData], int]:
+def separate(data: BearingsData, *, force: bool = False, moving: bool = False) -> tuple[dict[str, BearingsData], int]:
     """Bearings by emitter, and how many belong to none.
 
     The column ``emitter`` says whose a bearing is. Without it there is one emitter, unless bearings share a time (or
@@ -156,7 +156,7 @@ def separate(data: BearingsData, *, force: bool = False) -> tuple[dict[str, Bear
         return parts, int(np.sum(data.emitter == ""))
     if not force and len(np.unique(data.t_s)) == len(data):
         return {"emitter": data}, 0
-    label = associate(data)
+    label = associate(data, moving=moving)
     kept = [int(k) for k in np.unique(label[label >= 0])]
     order = sorted(kept, key=lambda k: -int(np.sum(label == k)))
     return (
@@ -165,36 +165,46 @@ def separate(data: BearingsData, *, force: bool = False) -> tuple[dict[str, Bear
     )
 
 
-def associate(data: BearingsData) -> npt.NDArray[np.int64]:
+def associate(data: BearingsData, *, moving: bool = False) -> npt.NDArray[np.int64]:
     """Which emitter each bearing is of, shape (n,), counted from 0; -1 for none.
 
-    Bearings of one time are shared out among tracks (`navigation.SourceTracks`); those that were confirmed count.
-    Bearings that no track took at its time, for it had not begun, go to the one emitter that they point at in the end:
-    within three standard deviations, and beyond six of every other.
+    Bearings of one time are shared out among tracks (`navigation.SourceTracks`), which look as far as `solve` does and
+    know the platform's own errors; those that were confirmed count. Bearings that no track took at its time, for it had
+    not begun, go to the one emitter that they point at in the end: within three standard deviations, and beyond six of
+    every other.
+
+    Parameters
+    ----------
+    data : BearingsData
+    moving : bool
+        Emitters may move at a constant velocity.
     """
-    tracks = navigation.SourceTracks()
+    options = _options(data, "ekf_bank") | {"bank_azimuths": 0, "bank_sigma_rad": _start_sigma_rad(data)}
+    del options["max_bearings"]  # of methods that keep them
+    tracks = navigation.SourceTracks(motion="constant_velocity" if moving else "static", **options)
+    pose = _pose(data, 2)
     owner = np.full(len(data), -1, dtype=np.int64)
-    last: dict[int, Any] = {}
+    last: dict[int, tuple[float, Any]] = {}
     confirmed: dict[int, int] = {}
     first = np.unique(data.t_s, return_index=True)[1]
     for begin, end in zip(first, [*first[1:], len(data)], strict=True):
-        rows = np.arange(begin, end)
+        rows, t_s = np.arange(begin, end), float(data.t_s[begin])
         current = tracks.step(
-            float(data.t_s[begin]), data.position_m[begin, :2], data.bearing_rad[rows], data.sigma_rad[rows]
-        )
+            t_s, data.position_m[begin, :2], data.bearing_rad[rows], data.sigma_rad[rows],
+            **{name: value[begin] for name, value in pose.items()},
+        )  # fmt: skip
         for track in current:
             if track.bearing >= 0:
                 owner[rows[track.bearing]] = track.id
-            last[track.id] = track.fix
+            last[track.id] = (t_s, track.fix)
             if track.state.name == "CONFIRMED":
                 confirmed[track.id] = track.hits
     order = sorted(confirmed, key=lambda one: -confirmed[one])
     label = np.full(len(data), -1, dtype=np.int64)
     for number, one in enumerate(order):
         label[owner == one] = number
-    places = [np.asarray(last[one].position_m, np.float64)[:2] for one in order]
-    if places:
-        way = np.array(places)[None] - data.position_m[:, None, :2]
+    if order:
+        way = np.stack([_course(*last[one], data.t_s) for one in order], axis=1) - data.position_m[:, None, :2]
         off = np.angle(np.exp(1j * (data.bearing_rad[:, None] - np.arctan2(way[..., 1], way[..., 0]))))
         off = np.abs(np.nan_to_num(off, nan=np.pi)) / data.sigma_rad[:, None]
         nearest = np.argmin(off, axis=1)
@@ -203,6 +213,22 @@ def associate(data: BearingsData) -> npt.NDArray[np.int64]:
         clear = (label < 0) & (least < 3.0) & (off.min(axis=1) > 6.0)
         label[clear] = nearest[clear]
     return label
+
+
+def _start_sigma_rad(data: BearingsData) -> float:
+    """Of a bearing that starts a track: the better half do where all are coarse."""
+    return max(_BANK_SIGMA_RAD, 1.001 * float(np.median(_whole_sigma_rad(data))))
+
+
+def _whole_sigma_rad(data: BearingsData) -> Array:
+    """Of bearings with the platform's heading, as a bank sees them before it starts."""
+    return data.sigma_rad if data.heading_sigma_rad is None else np.hypot(data.sigma_rad, data.heading_sigma_rad)
+
+
+def _course(at_s: float, fix: Any, t_s: Array) -> Array:
+    """Where a track's emitter was at other times, shape (n, 2)."""
+    place, velocity = (np.asarray(v, dtype=np.float64)[:2] for v in (fix.position_m, fix.velocity_mps))
+    return np.asarray(place + np.nan_to_num(velocity) * (t_s[:, None] - at_s))
 
 
 def solve(
@@ -284,7 +310,7 @@ def _options(data: BearingsData, method: str) -> dict[str, Any]:
     far = 20.0 * extent if extent > 0.0 else 3000.0
     options: dict[str, Any] = {"max_range_m": far, "min_range_m": 0.01 * far, "max_bearings": max(4096, len(data))}
     if method == "ekf_bank":
-        options["bank_azimuths"] = 0 if float(data.sigma_rad.min()) < _BANK_SIGMA_RAD else 12
+        options["bank_azimuths"] = 0 if float(_whole_sigma_rad(data).min()) < _BANK_SIGMA_RAD else 12
     return options
 
 

@@ -405,7 +405,7 @@ def groups(scenario: SourceLocalizationScenario, heard: Heard) -> tuple[dict[str
     names = scenario.emitter_names
     if len(names) == 1:
         return {names[0]: heard.data}, 0
-    label = solving.associate(heard.data)
+    label = solving.associate(heard.data, moving=scenario.locator.moving)
     found: dict[int, npt.NDArray[np.bool_]] = {}
     for track in sorted(np.unique(label[label >= 0]).tolist(), key=lambda k: -int(np.sum(label == k))):
         mine = label == track
