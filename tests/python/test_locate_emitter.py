@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from soopnav_cpp import _source_figures
-from soopnav_cpp.scenarios.bearings import read_bearings
+from soopnav_cpp.scenarios import emitters
+from soopnav_cpp.scenarios.bearings import BearingsData, read_bearings
 
 pytest.importorskip("matplotlib")
 
@@ -187,7 +188,7 @@ def test_several_emitters_by_name(tmp_path: Path) -> None:
     assert "B: east" in shown
     assert nees(fixes(out, 0)["ml"], EMITTER) < 27.6
     assert nees(fixes(out, 1)["ml"], other) < 27.6
-    assert {"likelihood_a.png", "likelihood_b.png", "map.png"} <= {p.name for p in out.iterdir()}
+    assert {"likelihood_1_a.png", "likelihood_2_b.png", "map.png"} <= {p.name for p in out.iterdir()}
 
 
 @pytest.mark.usefixtures("plain")
@@ -204,6 +205,131 @@ def test_several_emitters_without_names(tmp_path: Path) -> None:
     assert len(places) == 2
     for right in (EMITTER, other):
         assert min(np.linalg.norm(place - right) for place in places) < 25.0
+
+
+def mixed(
+    scale: float = 1.0,
+    *,
+    sigma_deg: float = 1.0,
+    n: int = 120,
+    velocity: tuple[float, float] = (0.0, 0.0),
+    heading_sigma_deg: float = 0.0,
+) -> BearingsData:
+    """Bearings of two emitters by turns, two at each time; rows 0, 2, 4 ... are of the first."""
+    rng = np.random.default_rng(1)
+    along = np.linspace(0.0, 1.0, n)
+    places = np.column_stack([600.0 * along - 300.0, 50.0 * np.sin(3.0 * along) - 100.0, np.zeros(n)])
+    heading = math.radians(heading_sigma_deg) * rng.standard_normal(n)
+    time, places, heading = (np.repeat(v, 2, axis=0) for v in (np.arange(float(n)), places, heading))
+    right = np.tile([EMITTER, [-120.0, -500.0]], (n, 1)) + time[:, None] * np.array(velocity)
+    way = right - places[:, :2]
+    bearing = np.arctan2(way[:, 1], way[:, 0]) + math.radians(sigma_deg) * rng.standard_normal(2 * n) + heading
+    return BearingsData(
+        time,
+        scale * places,
+        np.angle(np.exp(1j * bearing)),
+        np.full(2 * n, math.radians(sigma_deg)),
+        heading_sigma_rad=np.full(2 * n, math.radians(heading_sigma_deg)) if heading_sigma_deg else None,
+    )
+
+
+@pytest.mark.parametrize(("scale", "sigma_deg"), [(0.001, 0.3), (1.0, 12.0), (100.0, 1.0), (100.0, 12.0)])
+def test_emitters_are_told_apart_at_any_scale(scale: float, sigma_deg: float) -> None:
+    """Indoors or forty kilometres away, and with bearings too coarse for what a bank starts with by default."""
+    label = emitters.associate(mixed(scale, sigma_deg=sigma_deg))
+    assert label.max() == 1
+    for emitter in (0, 1):
+        mine = label[emitter::2]
+        assert np.mean(mine == np.bincount(mine[mine >= 0]).argmax()) > 0.95
+    assert label[0] != label[1]
+
+
+def test_emitters_are_told_apart_with_a_poor_compass() -> None:
+    """A heading of 10° and bearings of 1°: two emitters, as long as the tracks know of the heading."""
+    label = emitters.associate(mixed(heading_sigma_deg=10.0))
+    assert np.mean(label[0::2] == label[0]) > 0.9
+    assert np.mean(label[1::2] == label[1]) > 0.9
+    assert label[0] != label[1]
+
+
+def test_a_bank_starts_with_a_poor_compass() -> None:
+    """It looks all round when no bearing with its heading is good enough to start along."""
+    data = mixed(heading_sigma_deg=12.0)
+    assert emitters.solve("one", data.of(np.arange(0, 240, 2)), ["ekf_bank"], history=False, extras=False).found
+
+
+def test_emitters_that_move_are_told_apart() -> None:
+    data = mixed(velocity=(-3.0, 3.0))
+    label = emitters.associate(data, moving=True)
+    assert sorted(np.unique(label[label >= 0]).tolist()) == [0, 1]
+    for emitter in (0, 1):
+        assert np.mean(label[emitter::2] == label[-2 + emitter]) > 0.9
+
+
+@pytest.mark.usefixtures("plain")
+def test_moving_reaches_the_sorting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+
+    def associate(data: BearingsData, *, moving: bool = False) -> np.ndarray:
+        asked.append(moving)
+        return np.zeros(len(data), np.int64)
+
+    monkeypatch.setattr(emitters, "associate", associate)
+    path = csv_of(tmp_path / "b.csv", [HEAD, *drive(8)])
+    for more in ([], ["--moving"]):
+        CliRunner().invoke(cli, ["locate-emitter", str(path), "--associate", "--out", str(tmp_path / "o"), *more])
+    assert asked == [False, True]
+
+
+def test_figures_of_emitters_have_names_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names that differ in what no file name has, and one too long for any; bearings of nobody are nobody's."""
+    names = ["A 1", "a_1", "x" * 300]
+    lines = [f"{name},{line}" for k, name in enumerate(names) for line in drive(8, seed=k)]
+    lines += [f",{line}" for line in drive(2, seed=9, emitter=np.array([500.0, -700.0]))]
+    data = read_bearings(csv_of(tmp_path / "b.csv", [f"emitter,{HEAD}", *lines]))
+    parts, nobody = emitters.separate(data)
+    found = [emitters.solve(name, part, ["ml"], history=False) for name, part in parts.items()]
+    shown: dict[str, object] = {}
+    monkeypatch.setattr(locate_emitter.plotting, "bearings_map", lambda *_, **given: shown.update(given))
+    monkeypatch.setattr(locate_emitter.plotting, "likelihood", lambda *_, **__: None)
+    result = locate_emitter.Result(tmp_path / "b.csv", "", data, found, nobody, 2)
+    files = [file.name for _, file in locate_emitter.figures(result, tmp_path)]
+    assert len(set(files)) == len(files) == 4
+    assert max(map(len, files)) < 100
+    who = shown["source"]
+    assert isinstance(who, np.ndarray)
+    assert data.emitter is not None
+    np.testing.assert_array_equal(who, [names.index(name) if name else -1 for name in data.emitter])
+    assert list(shown["fixes"]) == names
+
+
+@pytest.mark.usefixtures("plain")
+def test_a_seed_of_nought_is_a_seed(tmp_path: Path) -> None:
+    path = csv_of(tmp_path / "b.csv", [HEAD, *drive(8)])
+    places = {}
+    for seed in ("0", "1", None):
+        more = [] if seed is None else ["--seed", seed]
+        run("locate-emitter", path, "--method", "particle", *more, "--out", tmp_path / "out")
+        places[seed] = fixes(tmp_path / "out")["particle"]["position_m"]
+    assert places["1"] == places[None]
+    assert places["0"] != places["1"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--dimensions", "2"], "--dimensions is for files of bearings, and x.toml is a scenario; locator.dimensions"),
+        (["--moving"], "--moving is for files of bearings, and x.toml is a scenario; locator.moving in the scenario"),
+        (["--associate"], "--associate is for files of bearings, and x.toml is a scenario\n"),
+        (["--sigma", "3"], "--sigma is for files of bearings"),
+        (["--origin", "1,1"], "--origin is for files of bearings, and x.toml is a scenario; origin in the scenario"),
+        (["--repair"], "--repair is for files of bearings"),
+    ],
+)
+def test_options_that_a_scenario_does_not_take(tmp_path: Path, arguments: list[str], sentence: str) -> None:
+    toml = csv_of(tmp_path / "x.toml", ['system = "source_localization"'])
+    result = run("locate-emitter", toml, *arguments, "--out", tmp_path / "out", code=2)
+    assert sentence in result.stderr
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -261,6 +387,9 @@ def test_one_bearing(tmp_path: Path) -> None:
         (["--method", "centroid", "--moving"], "--method centroid finds emitters that stand still; with --moving: ml"),
         (["--origin", "91,0"], "--origin 91,0: a latitude and a longitude in degrees expected"),
         (["--origin", "here"], "LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,HEIGHT expected"),
+        (["--origin", "1,1,nan"], "LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,HEIGHT expected"),
+        (["--sigma", "nan"], "'--sigma': nan: a finite number expected"),
+        (["--sigma", "inf"], "'--sigma': inf: a finite number expected"),
     ],
 )
 @pytest.mark.usefixtures("plain")

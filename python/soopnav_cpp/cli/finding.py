@@ -156,7 +156,7 @@ def _numbers(_context: click.Context, parameter: click.Parameter, value: str | N
     help="ml, stansfield, least_squares, ekf_bank, particle, ekf, centroid, incenter, linear, or all.  [default: ml, "
     "or the scenario's]",
 )
-@click.option("--dimensions", type=click.Choice(["2", "3"]), default="2", show_default=True, help="3 takes elevations.")
+@click.option("--dimensions", type=click.Choice(["2", "3"]), help="3 takes elevations.  [default: 2]")
 @click.option("--moving", is_flag=True, help="Emitters may move at a constant velocity.")
 @click.option("--associate", is_flag=True, help="Sort bearings by emitter although no two share a time.")
 @click.option(
@@ -177,7 +177,7 @@ def _numbers(_context: click.Context, parameter: click.Parameter, value: str | N
 def locate_emitter(
     source: Path,
     method: str | None,
-    dimensions: str,
+    dimensions: str | None,
     moving: bool,
     associate: bool,
     sigma_deg: float | None,
@@ -201,7 +201,8 @@ def locate_emitter(
     sigma_position_m and sigma_heading_deg of the platform, emitter (whose bearing it is; without it bearings of one
     time are sorted by where they point), status, and truth_x_m, truth_y_m (truth_z_m) to compare with.
 
-    SCENARIO.toml is a scenario of soopnav run with system = "source_localization".
+    SCENARIO.toml is a scenario of soopnav run with system = "source_localization"; it takes --method and --seed, the
+    other options are for files of bearings.
 
     Prints a row per emitter and method. Writes map.png, likelihood.png, particles.png, errors.png, emitter.geojson,
     emitter.kml (with a place on the Earth), bearings.csv, metrics.json and report.html. Where bearings do not tell a
@@ -213,7 +214,7 @@ def locate_emitter(
         result = work.locate(
             source,
             method=method,
-            dimensions=int(dimensions),
+            dimensions=None if dimensions is None else int(dimensions),
             moving=moving,
             associate=associate,
             sigma_deg=sigma_deg,

@@ -28,6 +28,7 @@ from soopnav_cpp.scenarios.emitters import Emitter, has_position, status_word
 __all__ = ["Result", "as_json", "locate", "print_result", "sentences", "write_report"]
 
 Array = npt.NDArray[np.float64]
+_LONGEST_WORD = 40  # of an emitter's name in a file name
 
 
 @dataclass(eq=False)
@@ -92,7 +93,7 @@ def locate(
     path: Path,
     *,
     method: str | None,
-    dimensions: int,
+    dimensions: int | None,
     moving: bool,
     associate: bool,
     sigma_deg: float | None,
@@ -106,11 +107,21 @@ def locate(
     Raises
     ------
     ValueError
-        For a file that does not fit, in a sentence per mistake.
+        For a file that does not fit, in a sentence per mistake, and for options that a scenario has no use for.
     """
-    methods = _methods(method, moving)
     if path.suffix.lower() == ".toml":
+        given = {
+            "dimensions": dimensions is not None,
+            "moving": moving,
+            "associate": associate,
+            "sigma": sigma_deg is not None,
+            "origin": origin is not None,
+            "repair": repair,
+        }
+        _refuse_with_scenario(path, [name for name, there in given.items() if there])
         return _of_scenario(path, method=method, seed=seed, step=step)
+    methods = _methods(method, moving)
+    dimensions = dimensions or 2
     step(f"reading {path.name}")
     sigma_rad = None if sigma_deg is None else math.radians(sigma_deg)
     data = _placed(read_bearings(path, sigma_rad=sigma_rad, repair=repair), origin)
@@ -123,10 +134,20 @@ def locate(
         methods,
         dimensions=dimensions,
         moving=moving,
-        groups=work.separate(data, force=associate),
-        seed=seed or 1,
+        groups=work.separate(data, force=associate, moving=moving),
+        seed=1 if seed is None else seed,
         step=step,
     )
+
+
+_SAID_BY_SCENARIO = {"dimensions": "locator.dimensions", "moving": "locator.moving", "origin": "origin"}
+
+
+def _refuse_with_scenario(path: Path, given: Sequence[str]) -> None:
+    """Options that are for files of bearings."""
+    for name in given:
+        instead = f"; {_SAID_BY_SCENARIO[name]} in the scenario says it" if name in _SAID_BY_SCENARIO else ""
+        raise ValueError(f"--{name} is for files of bearings, and {path.name} is a scenario{instead}")
 
 
 def _of_scenario(path: Path, *, method: str | None, seed: int | None, step: Steps) -> Result:
@@ -404,8 +425,9 @@ def _slug(emitter: Emitter, result: Result, name: str) -> str:
     """File name of a figure of one emitter."""
     if len(result.emitters) == 1:
         return f"{name}.png"
-    word = "".join(c if c.isalnum() else "_" for c in emitter.name.lower())
-    return f"{name}_{word}.png"
+    number = 1 + result.emitters.index(emitter)  # names that differ may look alike once spelled for a file
+    word = "".join(c if c.isalnum() else "_" for c in emitter.name.lower())[:_LONGEST_WORD]
+    return f"{name}_{number}_{word}.png"
 
 
 def figures(result: Result, folder: Path) -> list[tuple[str, Path]]:
@@ -413,8 +435,8 @@ def figures(result: Result, folder: Path) -> list[tuple[str, Path]]:
     drawn: list[tuple[str, Path]] = []
     data = result.data
     many = len(result.emitters) > 1
-    who = np.zeros(len(data), np.int64)
-    if many:
+    who = np.full(len(data), -1, np.int64) if many or result.unassigned else np.zeros(len(data), np.int64)
+    if many or result.unassigned:
         for number, emitter in enumerate(result.emitters):
             mine = set(zip(emitter.data.t_s.tolist(), emitter.data.bearing_rad.tolist(), strict=True))
             rows = [pair in mine for pair in zip(data.t_s.tolist(), data.bearing_rad.tolist(), strict=True)]
@@ -422,8 +444,7 @@ def figures(result: Result, folder: Path) -> list[tuple[str, Path]]:
     fixes: dict[str, Any] = {}
     for emitter in result.emitters:
         if many:
-            if emitter.found:
-                fixes[emitter.name] = emitter.fix
+            fixes[emitter.name] = emitter.fix if emitter.found else None  # a place in the order, for its colour
         else:
             fixes = {name: fix for name, fix in emitter.fixes.items() if has_position(fix)}
     lines = [line for emitter in result.emitters if not emitter.found and (line := _line_of(emitter)) is not None]

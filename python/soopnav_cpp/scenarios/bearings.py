@@ -1,4 +1,4 @@
-"""Bearings in files and on a map: what ``soopnav df`` writes and ``soopnav locate-emitter`` reads; poses are in `poses`.
+"""Bearings in files and on a map: what ``soopnav df`` writes and ``soopnav locate-emitter`` reads. Poses: `poses`.
 
 Angles in files are what people write down: ``bearing_deg`` and ``heading_deg`` are counted clockwise from true north,
 elevations up from the horizon. ``azimuth_deg`` is an angle of the array itself, from its axis 1 (forward) towards its
