@@ -124,6 +124,8 @@ void require_solved(gnss::IntegerStatus status, const gnss::IntegerLeastSquares&
     case IntegerStatus::kSearchLimit:
       throw std::invalid_argument("Q: too uncertain, the search was given up after " + std::to_string(ils.nodes()) +
                                   " partial vectors");
+    case IntegerStatus::kTooLarge:
+      throw std::invalid_argument("a, Q: integers of at most 2^52 expected, larger ones are not told apart");
   }
 }
 

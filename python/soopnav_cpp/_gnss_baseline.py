@@ -41,7 +41,7 @@ def lambda_ils(
     Parameters
     ----------
     a : array_like, shape (n,)
-        Float ambiguities in cycles; n up to 48.
+        Float ambiguities in cycles, at most 2⁵² each; n up to 48.
     Q : array_like, shape (n, n)
         Their covariance in cycles², symmetric positive definite.
     n_candidates : int
@@ -57,8 +57,8 @@ def lambda_ils(
     Raises
     ------
     ValueError
-        For shapes that differ, numbers that are not finite, a `Q` that is not symmetric positive definite, and one so
-        uncertain that the search was given up after 20 million steps.
+        For shapes that differ, numbers that are not finite or beyond 2⁵² cycles, a `Q` that is not symmetric positive
+        definite, and one so uncertain that the search was given up after 20 million steps.
     """
     return _gnss.lambda_ils(a, Q, n_candidates)
 

@@ -77,6 +77,8 @@ def test_success_rate_of_independent_integers():
         ([0.1, 0.2], [[1.0, 0.5, 0.1], [0.4, 1.0, 0.1]], 2, r"Q: a square matrix expected, got shape \(2, 3\)"),
         ([0.1], [[1.0, 0.0], [0.0, 1.0]], 2, "a: 2 numbers expected, as Q has rows, got 1"),
         ([0.1, np.nan], [[1.0, 0.0], [0.0, 1.0]], 2, "finite numbers expected"),
+        ([0.1, 1e17], [[1.0, 0.0], [0.0, 1.0]], 2, r"a, Q: integers of at most 2\^52 expected"),
+        ([1e300, 0.2], [[1.0, 0.0], [0.0, 1.0]], 2, r"a, Q: integers of at most 2\^52 expected"),
         ([0.1, 0.2], [[1.0, 0.0], [0.0, 1.0]], 0, "candidates = 0: 1 ... 10 000 expected"),
         (np.zeros(49), np.eye(49), 2, "Q: 1 ... 48 integers expected, got 49"),
     ],

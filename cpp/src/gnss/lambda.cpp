@@ -14,6 +14,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 // A pivot below this share of its diagonal element is rounding, not variance.
 constexpr double kRelativePivot = 1e-14;
+constexpr double kLargest = 4503599627370496.0;  // 2^52: up to it fractions of a half and all integers are numbers
 
 }  // namespace
 
@@ -29,6 +30,8 @@ std::string_view to_string(IntegerStatus status) noexcept {
       return "wrong size";
     case IntegerStatus::kSearchLimit:
       return "search limit";
+    case IntegerStatus::kTooLarge:
+      return "too large";
   }
   return "unknown";
 }
@@ -217,6 +220,7 @@ IntegerStatus IntegerLeastSquares::solve(const Eigen::Ref<const Eigen::VectorXd>
   const IntegerStatus status = decorrelate(Q);
   if (status != IntegerStatus::kSolved) return status;
   if (!a.allFinite()) return IntegerStatus::kNonFinite;
+  if (a.cwiseAbs().maxCoeff() > kLargest) return IntegerStatus::kTooLarge;
   const Eigen::Index n = a.size();
   // Whole cycles apart from the fractions: the transformed fractions stay small, so nothing is lost to rounding.
   Vector whole(n), fraction(n);
@@ -226,12 +230,17 @@ IntegerStatus IntegerLeastSquares::solve(const Eigen::Ref<const Eigen::VectorXd>
   }
   Vector z_float(n);
   z_float.noalias() = Z_.transpose() * fraction;
+  if (!(z_float.cwiseAbs().maxCoeff() <= kLargest)) return IntegerStatus::kTooLarge;
   const bool complete = search(z_float);
   for (int k = 0; k < count_; ++k) {
     const auto slot = static_cast<std::ptrdiff_t>(order_[static_cast<std::size_t>(k)] * kMaxAmbiguities);
     Eigen::Map<Eigen::VectorXd> z(found_.data() + slot, n);
     fraction = z;
     for (Eigen::Index i = 0; i < n; ++i) z[i] = std::round(Z_inverse_.col(i).dot(fraction)) + whole[i];
+    if (!(z.cwiseAbs().maxCoeff() <= 2.0 * kLargest)) {
+      count_ = 0;
+      return IntegerStatus::kTooLarge;
+    }
   }
   return complete ? IntegerStatus::kSolved : IntegerStatus::kSearchLimit;
 }

@@ -231,6 +231,20 @@ TEST(Lambda, BadInputGivesAStatus) {
   EXPECT_EQ(with(2, 2, std::numeric_limits<double>::infinity()), IntegerStatus::kNonFinite);
   EXPECT_EQ(ils.solve(Vector::Constant(3, std::nan("")), I3), IntegerStatus::kNonFinite);
   EXPECT_EQ(ils.solve(Vector::Constant(2, 0.0), I3), IntegerStatus::kWrongSize);
+  // Above 2^52 a double has no room for the neighbour of an integer; at 2^52 the two best still differ.
+  const double largest = std::ldexp(1.0, 52);
+  EXPECT_EQ(ils.solve(Vector::Constant(3, largest), I3), IntegerStatus::kSolved);
+  EXPECT_NE(candidate(ils, 0), candidate(ils, 1));
+  for (const double beyond : {std::nextafter(largest, 2.0 * largest), -1e17, 1e300}) {
+    Vector far = a;
+    far[1] = beyond;
+    EXPECT_EQ(ils.solve(far, I3), IntegerStatus::kTooLarge) << beyond;
+    EXPECT_EQ(ils.count(), 0);
+  }
+  // So does a covariance whose decorrelation takes 1e20 of one integer from another.
+  const Matrix lopsided{{1e60, 1e20}, {1e20, 1.0}};
+  EXPECT_EQ(ils.solve(Vector::Constant(2, 0.2), lopsided), IntegerStatus::kTooLarge);
+  EXPECT_EQ(to_string(IntegerStatus::kTooLarge), "too large");
   EXPECT_EQ(ils.solve(Vector(0), Matrix(0, 0)), IntegerStatus::kWrongSize);
   EXPECT_EQ(ils.decorrelate(Matrix::Identity(3, 2)), IntegerStatus::kWrongSize);
   EXPECT_EQ(ils.solve(Vector::Zero(kMaxAmbiguities + 1), Matrix::Identity(kMaxAmbiguities + 1, kMaxAmbiguities + 1)),

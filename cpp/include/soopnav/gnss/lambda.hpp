@@ -20,6 +20,7 @@ enum class IntegerStatus : std::uint8_t {
   kNotPositiveDefinite,  ///< the covariance has no positive definite lower triangle
   kWrongSize,            ///< no integer at all, more than `kMaxAmbiguities`, or a covariance of another size
   kSearchLimit,          ///< the search was given up: the candidates are the best seen, not surely the best there are
+  kTooLarge,             ///< a float estimate, or an integer met on the way, above 2^52: neighbours are not told apart
 };
 
 /// A lower-case phrase: "solved", "not positive definite", ...
