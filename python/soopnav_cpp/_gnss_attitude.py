@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -468,11 +469,16 @@ def heading_error(baseline_m: float, position_sigma_m: float) -> HeadingError:
         At least 0, in the plane.
     position_sigma_m : float
         Of each coordinate of each position, independent normal errors.
+
+    Raises
+    ------
+    ValueError
+        For a baseline that is negative or a sigma that is not positive, and for either when not finite.
     """
-    if not baseline_m >= 0.0:
-        raise ValueError(f"baseline_m = {baseline_m} must be at least 0")
-    if not position_sigma_m > 0.0:
-        raise ValueError(f"position_sigma_m = {position_sigma_m} must be positive")
+    if not 0.0 <= baseline_m < np.inf:
+        raise ValueError(f"baseline_m = {baseline_m} must be a number of at least 0")
+    if not 0.0 < position_sigma_m < np.inf:
+        raise ValueError(f"position_sigma_m = {position_sigma_m} must be a positive number")
     return HeadingError(*_gnss.heading_error(baseline_m, position_sigma_m))
 
 
@@ -480,5 +486,7 @@ def heading_error_density(error_rad: npt.ArrayLike, baseline_m: float, position_
     """Probability density of that error at `error_rad` in [-π, π] [1/rad]."""
     heading_error(baseline_m, position_sigma_m)
     error = np.asarray(error_rad, dtype=np.float64)
-    kappa = baseline_m / (np.sqrt(2.0) * position_sigma_m)
-    return _gnss.heading_error_density(error.ravel(), float(kappa)).reshape(error.shape)
+    kappa = float(baseline_m) / (math.sqrt(2.0) * float(position_sigma_m))
+    if not kappa < np.inf:
+        raise ValueError(f"baseline_m / position_sigma_m = {kappa}: too large")
+    return _gnss.heading_error_density(error.ravel(), kappa).reshape(error.shape)

@@ -331,6 +331,10 @@ def test_attitude_refuses(sky):
         (lambda: gnss.arrival_angle_sigma(0.1, 1.0, -1.0), "path_sigma_m = -1.0"),
         (lambda: gnss.heading_error(-1.0, 1.0), "baseline_m = -1.0"),
         (lambda: gnss.heading_error(1.0, 0.0), "position_sigma_m = 0.0"),
+        (lambda: gnss.heading_error(np.inf, 1.0), "baseline_m = inf"),
+        (lambda: gnss.heading_error(1.0, np.inf), "position_sigma_m = inf"),
+        (lambda: gnss.heading_error_density(0.1, np.inf, 1.0), "baseline_m = inf"),
+        (lambda: gnss.heading_error_density(0.1, 1e300, 1e-300), "baseline_m / position_sigma_m = inf"),
     ):
         with pytest.raises(ValueError, match=sentence):
             call()
@@ -398,6 +402,10 @@ def test_heading_error_by_quadrature():
         assert mass == pytest.approx(1.0, abs=1e-7)
         assert error.rms_rad == pytest.approx(np.sqrt(square), rel=1e-6)
         assert error.inversion_probability == pytest.approx(norm.cdf(-baseline / (np.sqrt(2.0) * sigma)), rel=1e-9)
+    for baseline in (1e7, 1e20, 1e200):  # far beyond, the linear law is exact
+        error = gnss.heading_error(baseline, 1.0)
+        assert error.rms_rad == pytest.approx(error.linear_sigma_rad, rel=1e-12)
+    assert gnss.heading_error(1e300, 1e-300) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.unit

@@ -142,13 +142,18 @@ double heading_error_density(double error_rad, double kappa) noexcept {
 
 HeadingError heading_error(double baseline_m, double position_sigma_m) noexcept {
   HeadingError out;
-  if (!(baseline_m >= 0.0) || !(position_sigma_m > 0.0)) {
+  if (!(baseline_m >= 0.0) || !(position_sigma_m > 0.0) || std::isinf(baseline_m) || std::isinf(position_sigma_m)) {
     out.linear_sigma_rad = out.rms_rad = out.inversion_probability = AttitudeFix::kNan;
     return out;
   }
   const double kappa = baseline_m / (std::sqrt(2.0) * position_sigma_m);
   out.linear_sigma_rad = 1.0 / kappa;
   out.inversion_probability = 0.5 * std::erfc(kappa / std::sqrt(2.0));
+  // Here the two differ by 1 / (2 kappa^2), and further on the peak is too narrow and too high for quadrature.
+  if (kappa > 1e8) {
+    out.rms_rad = out.linear_sigma_rad;
+    return out;
+  }
   // Simpson over the peak and over the rest (eq. 24).
   const auto integral = [&](double from, double to) {
     constexpr int kSteps = 400;

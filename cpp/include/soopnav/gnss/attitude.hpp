@@ -185,7 +185,7 @@ struct HeadingError {
 
 /// Error of the heading between two antennas `baseline_m` apart in the plane, each position with independent normal
 /// errors of `position_sigma_m` per axis (doc/attitude.md eq. 23 to 25; quadrature, no allocation). NaN for a baseline
-/// that is negative or a sigma that is not positive.
+/// that is negative, a sigma that is not positive, and either when infinite.
 [[nodiscard]] HeadingError heading_error(double baseline_m, double position_sigma_m) noexcept;
 
 /// Probability density of that error at `error_rad` in [-pi, pi] [1/rad], for `kappa` = baseline / (sqrt(2) sigma).
