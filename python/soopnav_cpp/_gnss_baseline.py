@@ -85,7 +85,7 @@ class BaselineRun:
     status : ndarray of uint8, shape (n,)
         Values of `BaselineStatus`.
     fixed : ndarray of bool, shape (n,)
-        The integers passed the ratio test, or are those of earlier epochs.
+        The integers passed the ratio test and leave residuals of the size stated, or are those of earlier epochs.
     baseline_enu_m : ndarray, shape (n, 3)
         East, north, up: of the best integers when fixed, of the code otherwise.
     covariance_m2 : ndarray, shape (n, 3, 3)
@@ -181,14 +181,17 @@ def baseline_fix(
 
     Double differences, weighted by elevation (variance of a single difference: phase_sigma² (1 + 1/sin² elevation)),
     integers by LAMBDA. With a known length the objective is the smallest that any baseline of that length reaches;
-    its optimum is searched over the whole sphere, for it is often not among LAMBDA's first candidates.
+    its optimum is searched over the whole sphere, for it is often not among LAMBDA's first candidates. A fix needs the
+    ratio and an objective within what right integers reach in 99.9 % of epochs (χ²); random phases of 8 satellites
+    still pass in some 3 % with a length of 1 m.
 
     Parameters
     ----------
     directions_enu : array_like, shape (s, 3) or (n, s, 3)
         Unit vectors to the satellites, east, north, up. At most 48 satellites; NaN where one is not seen.
     code_m, phase_cycles : array_like, shape (s,) or (n, s)
-        Rover minus base; phases grow with range. `receiver_differences` makes them from two receivers' readings.
+        Rover minus base, left out beyond ±1e12; phases grow with range. `receiver_differences` makes them from two
+        receivers' readings.
     lost_lock : array_like of bool, same shape, optional
         Either receiver flagged a cycle slip; matters with `track`.
     length_m : float, optional

@@ -10,6 +10,7 @@
 
 #include "eigen.hpp"
 #include "soopnav/core/constants.hpp"
+#include "soopnav/estimation/chi_square.hpp"
 
 namespace soopnav::gnss {
 
@@ -21,6 +22,8 @@ constexpr double kGridStep = 0.13;        // of the sphere, wavelengths
 constexpr std::size_t kBlock = 64;        // points of the sphere at a time
 constexpr double kMinInformation = 1e-6;  // smallest over largest eigenvalue of a determined position
 constexpr double kLowestSine = 1e-3;      // of an elevation: weights stay finite without a mask
+constexpr double kLargest = 1e12;         // code [m] or phase [cycles]; its differences still tell 1e-3 cycles
+constexpr double kRefusedFixes = 1e-3;    // probability that right integers have residuals that refuse them
 
 [[noreturn]] void refuse(const char* name, double value, const char* rule) {
   throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + ": " + rule + " expected");
@@ -161,6 +164,9 @@ BaselineSolver::BaselineSolver(const BaselineOptions& options)
       ils_(options.length_m && options.search == ConstraintSearch::kCandidates ? std::max(2, options.candidates) : 2),
       lowest_(std::sin(options.mask_rad)) {
   options.check();
+  for (std::size_t dof = 1; dof < highest_objective_.size(); ++dof) {
+    highest_objective_[dof] = chi_square_upper_quantile(kRefusedFixes, static_cast<double>(dof));
+  }
   if (!options.length_m || options.search != ConstraintSearch::kSphere) return;
   // Golden-angle points between the latitudes allowed: about equally far from each other everywhere.
   const double step = kGridStep * options.wavelength_m / *options.length_m;
@@ -181,7 +187,7 @@ BaselineSolver::BaselineSolver(const BaselineOptions& options)
 
 bool BaselineSolver::usable(const BaselineSatellite& satellite) const noexcept {
   return satellite.direction.allFinite() && std::abs(satellite.direction.squaredNorm() - 1.0) < 1e-6 &&
-         std::isfinite(satellite.code_m) && std::isfinite(satellite.phase_cycles) &&
+         std::abs(satellite.code_m) <= kLargest && std::abs(satellite.phase_cycles) <= kLargest &&
          satellite.direction.z() >= std::max(lowest_, kLowestSine);
 }
 
@@ -421,6 +427,10 @@ Eigen::Matrix3d on_sphere(const Eigen::Matrix3d& information, const Eigen::Vecto
 }  // namespace
 
 void BaselineSolver::finish(const Epoch& epoch, const Best& best, BaselineFix& fix) const noexcept {
+  if (!std::isfinite(best.b[0].squaredNorm()) || !std::isfinite(epoch.float_b.squaredNorm())) {
+    fix.status = BaselineStatus::kDegenerate;  // no angles could be read
+    return;
+  }
   fix.best_m = best.b[0];
   double mean = 0.0;
   for (std::size_t s = 0; s < epoch.m; ++s) {
@@ -458,7 +468,9 @@ BaselineFix BaselineSolver::solve(std::span<const BaselineSatellite> satellites)
     return fix;
   }
   fix.ratio = best.objective[0] > 0.0 ? best.objective[1] / best.objective[0] : kInfinity;
-  fix.status = fix.ratio >= options_.ratio ? BaselineStatus::kFixed : BaselineStatus::kFloat;
+  // The ratio alone is also high for phases that fit no integers at all, when one bad vector is better than the others.
+  const bool fits = best.objective[0] <= highest_objective_[options_.length_m ? epoch.m : epoch.m - 1];
+  fix.status = fits && fix.ratio >= options_.ratio ? BaselineStatus::kFixed : BaselineStatus::kFloat;
   finish(epoch, best, fix);
   return fix;
 }
@@ -476,6 +488,10 @@ BaselineFix BaselineSolver::with_integers(std::span<const BaselineSatellite> sat
   Eigen::Vector3d b = fixed_baseline(epoch, n, options_.wavelength_m);
   if (options_.length_m) b = nearest_on_sphere(epoch.axes, epoch.curvature, b, *options_.length_m);
   best.offer(n, b, objective(epoch, n, options_.wavelength_m, b));
+  if (!(best.objective[0] < kInfinity)) {
+    fix.status = BaselineStatus::kDegenerate;
+    return fix;
+  }
   fix.status = BaselineStatus::kTracked;
   finish(epoch, best, fix);
   return fix;

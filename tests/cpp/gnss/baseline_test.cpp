@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 #include <tuple>
 #include <utility>
@@ -15,6 +16,7 @@
 
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/random.hpp"
+#include "soopnav/estimation/chi_square.hpp"
 #include "soopnav/estimation/consistency.hpp"
 #include "soopnav/gnss/receiver_differences.hpp"
 #include "support/allocation_count.hpp"
@@ -157,6 +159,54 @@ TEST(Baseline, RatioTestKeepsWrongIntegersOut) {
   EXPECT_LE(wrong, 1);
 }
 
+// Phases without any integers: the ratio passes one in ten, and of these a third disagree with the integers they got.
+TEST(Baseline, PhasesThatFitNoIntegersAreNotFixed) {
+  RandomStream random(50);
+  BaselineOptions options;
+  options.length_m = 1.0;
+  options.ratio = 2.0;
+  BaselineSolver solver(options);
+  constexpr int kRuns = 300;
+  const double limit = chi_square_upper_quantile(1e-3, 8.0);
+  int by_ratio = 0, fixed = 0, refused = 0;
+  for (int run = 0; run < kRuns; ++run) {
+    Scene s = scene(kBaseline.normalized(), 8, random, 1.0, options);
+    for (BaselineSatellite& satellite : s.satellites) satellite.phase_cycles = random.uniform(-0.5, 0.5);
+    const BaselineFix fix = solver.solve(s.satellites);
+    double squares = 0.0;
+    for (std::size_t i = 0; i < fix.ids.size(); ++i) {
+      const auto& satellite = s.satellites[static_cast<std::size_t>(fix.ids[i] - 10)];
+      squares += fix.residuals_m[i] * fix.residuals_m[i] / solver.phase_variance_m2(satellite);
+    }
+    by_ratio += fix.ratio >= options.ratio ? 1 : 0;
+    fixed += fix.fixed() ? 1 : 0;
+    refused += fix.ratio >= options.ratio && !fix.fixed() ? 1 : 0;
+    if (fix.fixed()) {
+      EXPECT_LE(squares, limit);
+    } else {
+      EXPECT_EQ(fix.baseline_m, fix.float_m);
+    }
+  }
+  EXPECT_GT(by_ratio, kRuns / 20);
+  EXPECT_GE(refused, by_ratio / 5);
+  EXPECT_LT(fixed, kRuns / 10);
+}
+
+// What keeps garbage out costs right integers nothing: noise as stated, a ratio that all pass.
+TEST(Baseline, NoiseAsStatedIsNotRefused) {
+  RandomStream random(51);
+  for (const bool constrained : {false, true}) {
+    BaselineOptions options;
+    options.ratio = 1.0;
+    if (constrained) options.length_m = kBaseline.norm();
+    BaselineSolver solver(options);
+    const int runs = constrained ? 100 : 1000;
+    int fixed = 0;
+    for (int run = 0; run < runs; ++run) fixed += solver.solve(scene(kBaseline, 9, random).satellites).fixed() ? 1 : 0;
+    EXPECT_GE(fixed, runs - runs / 100) << constrained;
+  }
+}
+
 // Five satellites: without the length the integers are guesses; with it the sphere's optimum is nearly always right,
 // and is never worse than what weighing LAMBDA's candidates finds.
 TEST(Baseline, KnownLengthFixesFiveSatellites) {
@@ -236,6 +286,38 @@ TEST(Baseline, BadInputGivesAStatus) {
   const BaselineFix none = BaselineSolver({.length_m = 1.0}).solve(absurd);
   EXPECT_FALSE(none.fixed());
   EXPECT_FALSE(std::isnan(none.baseline_m.x()) && none.status == BaselineStatus::kFloat);
+  for (const bool constrained : {false, true}) {
+    BaselineOptions options;
+    if (constrained) options.length_m = 1.0;
+    BaselineSolver any(options);
+    BaselineTracker tracker(options);
+    for (const double size : {1e9, 1e12, 1.1e12, 1e17, 1e155, 1e300}) {
+      for (const bool code : {false, true}) {
+        for (std::size_t i = 0; i < absurd.size(); ++i) {
+          absurd[i] = s.satellites[i];
+          (code ? absurd[i].code_m : absurd[i].phase_cycles) = size * random.uniform(-1.0, 1.0);
+        }
+        absurd[0].code_m = absurd[0].phase_cycles = size;
+        const BaselineFix fix = any.solve(absurd);
+        EXPECT_FALSE(std::isinf(fix.ratio)) << size << code;
+        EXPECT_EQ(std::isnan(fix.heading_rad), std::isnan(fix.baseline_m.x())) << size << code;
+        EXPECT_EQ(any.usable(absurd[0]), size <= 1e12);
+        if (size > 1e13) {
+          EXPECT_FALSE(fix.fixed()) << size << code;
+          EXPECT_FALSE(tracker.step(absurd).fixed()) << size << code;
+        }
+      }
+    }
+  }
+  // Integers that are none, and a wavelength that overflows.
+  for (const double integer : {kNan, std::numeric_limits<double>::infinity(), 1e300}) {
+    std::vector<double> known = s.integers;
+    known[2] = integer;
+    const BaselineFix fix = solver.with_integers(s.satellites, known);
+    EXPECT_EQ(fix.status, BaselineStatus::kDegenerate) << integer;
+    EXPECT_TRUE(std::isnan(fix.baseline_m.x()));
+  }
+  EXPECT_EQ(BaselineSolver({.wavelength_m = 1e200}).solve(s.satellites).status, BaselineStatus::kDegenerate);
   // A code that is far off moves the float, not the sphere's length.
   BaselineOptions length;
   length.length_m = 1.5;
