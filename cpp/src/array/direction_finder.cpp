@@ -203,7 +203,7 @@ Eigen::Vector3d DirectionFinder::Work::refine(const SteeringTable& table, std::s
     }
     if (!better) break;
   }
-  return table.manifold().geometry().reported_side(at);
+  return table.mirror() ? table.manifold().geometry().reported_side(at) : at;
 }
 
 // Stoica and Nehorai 1989, generalised to two angles: doc/array.md eq. 10.
@@ -251,7 +251,7 @@ Bearings DirectionFinder::fail(ArrayStatus status, int channel) const noexcept {
   Bearings out;
   out.status = status;
   out.channel = channel;
-  out.mirror = table_->manifold().geometry().rank() < 3;
+  out.mirror = table_->mirror();
   return out;
 }
 
@@ -345,7 +345,7 @@ Bearings DirectionFinder::estimate(const ComplexMatrix& covariance, double n_sna
   for (int k = 0; k < found; ++k) {
     Eigen::Vector3d& u = work.u[static_cast<std::size_t>(k)];
     Bearing& bearing = work.bearings[static_cast<std::size_t>(k)];
-    u = table.manifold().geometry().reported_side(u);
+    if (table.mirror()) u = table.manifold().geometry().reported_side(u);
     const Direction direction = direction_of(u);
     bearing.azimuth_rad = direction.azimuth_rad;
     bearing.elevation_rad = direction.elevation_rad;

@@ -13,6 +13,8 @@ namespace {
 
 constexpr double kMaxDirections = 16e6;
 constexpr double kStepSlack = 1e-9;
+constexpr double kOnPlane = 1e-9;
+constexpr double kAlike = 1e-9;  // of the power
 
 void require_step(const char* name, double step) {
   require(step > 0.0 && step <= kPi / 4 + kStepSlack, name, step, "a step of 0 to pi/4 (45 degrees) expected");
@@ -83,6 +85,22 @@ SteeringTable::SteeringTable(Manifold manifold, const GridOptions& options)
     }
   }
   require(any, "manifold", geometry.name(), "its responses reach none of the grid's directions");
+  mirror_ = geometry.rank() == 1 || (geometry.rank() == 2 && sides_alike());
+}
+
+// Whether every direction of the grid behind the plane answers as its image in front does, up to a common factor.
+bool SteeringTable::sides_alike() const noexcept {
+  if (!manifold_.grid()) return true;
+  const Eigen::Vector3d& normal = manifold_.geometry().axis();
+  ComplexVector behind, front;
+  for (std::size_t i = 0; i < size(); ++i) {
+    const Eigen::Vector3d u = unit_vector(direction(i));
+    if (!(normal.dot(u) < -kOnPlane) || !manifold_.steering(u, frequency_hz_, behind)) continue;
+    if (!manifold_.steering(u - 2.0 * normal.dot(u) * normal, frequency_hz_, front)) return false;
+    const double common = std::norm(behind.dot(front)), whole = behind.squaredNorm() * front.squaredNorm();
+    if (!(common >= (1.0 - kAlike) * whole)) return false;
+  }
+  return true;
 }
 
 }  // namespace soopnav::array

@@ -213,6 +213,53 @@ TEST(ArrayFinder, StatusesOfBadData) {
   EXPECT_THROW(DirectionFinder(table, {DirectionMethod::kMusic, 4, 0.0, false}), std::invalid_argument);
 }
 
+// A plane by its positions whose measured responses are those of `real` elements, over the whole sphere.
+Manifold measured_sphere(const ArrayGeometry& plane, const ArrayGeometry& real) {
+  const Manifold truth(real), nominal(plane);
+  ResponseGrid grid;
+  grid.frequency_hz = {plane.frequency_hz()};
+  for (int i = 0; i < 36; ++i) grid.azimuth_rad.push_back(i * kPi / 18.0);
+  for (int i = -9; i <= 9; ++i) grid.elevation_rad.push_back(i * kPi / 18.0);
+  ComplexVector a, b;
+  for (const double elevation : grid.elevation_rad) {
+    for (const double azimuth : grid.azimuth_rad) {
+      const Eigen::Vector3d u = unit_vector({azimuth, elevation});
+      EXPECT_TRUE(truth.steering(u, plane.frequency_hz(), a) && nominal.steering(u, plane.frequency_hz(), b));
+      for (Eigen::Index m = 0; m < a.size(); ++m) grid.correction.push_back(a[m] / b[m]);
+    }
+  }
+  return {plane, grid};
+}
+
+// Elements somewhat out of their plane tell its sides apart: a measured direction is not mirrored.
+TEST(ArrayFinder, MeasuredResponsesDecideTheSideOfAPlane) {
+  const auto plane = ArrayGeometry::planar(2, 2, 0.4);
+  auto positions = plane.positions_m();
+  positions[1][2] = 0.03;
+  positions[2][2] = 0.01;
+  positions[3][2] = 0.02;
+  const Manifold bent = measured_sphere(plane, ArrayGeometry(positions, plane.frequency_hz()));
+  const double lowest = -kPi / 6;
+  const auto table = std::make_shared<const SteeringTable>(bent, GridOptions{0.05, 0.05, lowest, 0.0, 0.0});
+  EXPECT_FALSE(table->mirror());
+  for (const DirectionMethod method : {DirectionMethod::kMusic, DirectionMethod::kMaximumLikelihood}) {
+    DirectionFinder finder(table, {method, 1, 0.0, false});
+    for (const double elevation : {-0.17, 0.4}) {
+      ComplexVector a;
+      ASSERT_TRUE(bent.steering(unit_vector({0.7, elevation}), plane.frequency_hz(), a));
+      const Bearings found = finder.estimate(a * a.adjoint() + ComplexMatrix::Identity(4, 4), 1000.0);
+      ASSERT_EQ(found.status, ArrayStatus::kOk);
+      EXPECT_FALSE(found.mirror);
+      EXPECT_NEAR(found.sources[0].azimuth_rad, 0.7, 2e-3);
+      EXPECT_NEAR(found.sources[0].elevation_rad, elevation, 2e-3);
+    }
+  }
+  // Not so where the grid has one side only, or where the responses are alike on both.
+  EXPECT_TRUE(SteeringTable(bent, GridOptions{0.05, 0.05, 0.0, 0.0, 0.0}).mirror());
+  EXPECT_TRUE(SteeringTable(measured_sphere(plane, plane), GridOptions{0.05, 0.05, lowest, 0.0, 0.0}).mirror());
+  EXPECT_TRUE(SteeringTable(Manifold(plane), GridOptions{0.05, 0.05, lowest, 0.0, 0.0}).mirror());
+}
+
 // The refinement finds the direction of a noise-free covariance anywhere: zenith, horizon, between grid points.
 TEST(ArrayFinder, NoiseFreeDirectionsAnywhere) {
   const Manifold plain(ArrayGeometry::uca(6, 0.4));

@@ -46,6 +46,9 @@ class SteeringTable {
   [[nodiscard]] bool periodic() const noexcept { return periodic_; }  ///< columns go round
   /// 1 along azimuth, 2 along elevation, 3 both: what the array tells.
   [[nodiscard]] int active() const noexcept { return active_; }
+  /// Directions and their mirror images look alike: one side is reported. So for every line, and for a plane unless its
+  /// measured responses tell the two sides of it apart and the grid has both.
+  [[nodiscard]] bool mirror() const noexcept { return mirror_; }
   [[nodiscard]] std::span<const float> values() const noexcept { return values_; }
   [[nodiscard]] std::size_t groups() const noexcept { return groups_; }
   [[nodiscard]] Direction direction(std::size_t index) const noexcept {
@@ -53,12 +56,15 @@ class SteeringTable {
   }
 
  private:
+  [[nodiscard]] bool sides_alike() const noexcept;
+
   Manifold manifold_;
   GridOptions options_;
   double frequency_hz_;
   std::vector<double> azimuths_, elevations_;
   bool periodic_ = true;
   int active_ = 3;
+  bool mirror_ = false;
   std::size_t groups_ = 0;
   std::vector<float> values_;
 };
@@ -82,7 +88,7 @@ struct Bearings {
   std::span<const Bearing> sources;     ///< strongest first; empty unless kOk or kUnresolved
   std::span<const double> eigenvalues;  ///< M, largest first; empty when there is no finite covariance
   double noise = 0.0;                   ///< mean noise eigenvalue
-  bool mirror = false;  ///< the array is a plane or a line: each source may as well be its image behind it
+  bool mirror = false;  ///< each source may as well be its image behind the array: `SteeringTable::mirror`
 };
 
 enum class DirectionMethod : std::uint8_t {
