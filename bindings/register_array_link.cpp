@@ -136,7 +136,28 @@ void register_front_end(py::module_& m) {
             return py::make_tuple(to_array(std::move(out)), clipped);
           },
           py::arg("iq"), py::kw_only(), py::arg("seed"), py::arg("stream") = 0,
-          "iq: the channels' rows one after the other. Returns the samples and how many parts were clipped.");
+          "iq: the channels' rows one after the other. Returns the samples and how many parts were clipped.")
+      .def(
+          "apply_blocks",
+          [](const FrontEnd& self, const IqArray<"iq">& iq, std::size_t blocks, std::uint64_t seed,
+             std::uint64_t stream) {
+            if (blocks < 1 || iq.span().size() % blocks != 0) {
+              throw std::invalid_argument("blocks: " + grouped(blocks) + "; a divisor of the samples' number expected");
+            }
+            std::vector<Cf32> out;
+            {
+              const py::gil_scoped_release release;
+              out.assign(iq.span().begin(), iq.span().end());
+              const RandomStream random(seed, stream);
+              const std::size_t size = out.size() / blocks;
+              for (std::size_t b = 0; b < blocks; ++b) {
+                self.apply(std::span(out).subspan(b * size, size), random.substream(b));
+              }
+            }
+            return to_array(std::move(out));
+          },
+          py::arg("iq"), py::arg("blocks"), py::kw_only(), py::arg("seed"), py::arg("stream") = 0,
+          "Blocks one after the other, each as `apply` has it, with noise of its own. Returns the samples.");
   m.def(
       "down_convert",
       [](const RealArray<"radio">& radio, double sample_rate_hz, double lo_hz, int decimation, double lo_phase_rad) {

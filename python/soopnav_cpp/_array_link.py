@@ -18,6 +18,9 @@ _Samples = npt.NDArray[np.complex64]
 _Matrix = npt.NDArray[np.complex128]
 
 
+_MOST_DB = 300.0  # samples are of single precision
+
+
 class Steers(Protocol):
     """What `ArrayLink` needs of an array: `soopnav_cpp.array.Manifold` and anything like it."""
 
@@ -174,10 +177,19 @@ class FrontEnd:
 
     def apply_counting(self, iq: _Samples, seed: int, stream: int = 0) -> tuple[_Samples, int]:
         """As `apply`, and how many real and imaginary parts the converter clipped."""
+        iq = np.asarray(iq)
         if iq.ndim != 2 or iq.shape[0] != self.channels:
             raise ValueError(f"iq: shape {iq.shape}; ({self.channels}, n), a row per channel, is expected")
         flat, clipped = self._core.apply(iq.reshape(-1), seed=seed, stream=stream)
         return flat.reshape(iq.shape), clipped
+
+    def _apply_blocks(self, blocks: _Samples, seed: int, stream: int) -> _Samples:
+        """Blocks (epochs, channels, n), each with noise of its own."""
+        if blocks.shape[1] != self.channels:
+            raise ValueError(f"front_end: {self.channels} channels for {blocks.shape[1]} elements; as many expected")
+        if not len(blocks):
+            return blocks
+        return self._core.apply_blocks(blocks.reshape(-1), len(blocks), seed=seed, stream=stream).reshape(blocks.shape)
 
     def __repr__(self) -> str:
         return f"FrontEnd({self.channels} channels, noise floor {self.noise_floor_dbm:.1f} dBm)"
@@ -313,6 +325,8 @@ class ArrayLink:
         if not (distance > 0.0).all():
             raise ValueError(f"positions_m: row {int(np.argmin(distance > 0.0))} is not finite, or lies on the emitter")
         if rotation is not None:
+            if not np.isfinite(np.asarray(rotation, float)).all():
+                raise ValueError("rotation: not finite; matrices of finite numbers are expected")
             offset = np.einsum("...ij,...i->...j", np.asarray(rotation, float), offset)
         if self._positions_m is not None:
             spread = self._positions_m[:, None, :] - self._positions_m[None, :, :]
@@ -333,6 +347,11 @@ class ArrayLink:
         """Shape (epochs, waves, elements) of azimuth (epochs, waves)."""
         columns = np.asarray(self.manifold.steering(azimuth.reshape(-1), elevation.reshape(-1)), np.complex128)
         return np.ascontiguousarray(columns.T).reshape(*azimuth.shape, columns.shape[0])
+
+    def _parts(self, azimuth: _Floats, elevation: _Floats) -> _Floats:
+        """Steering as real and imaginary parts, shape (epochs, waves, elements, 2)."""
+        steering = self._steering(azimuth, elevation)
+        return np.stack([steering.real, steering.imag], axis=-1)
 
     def _delays(self, azimuth: _Floats, elevation: _Floats) -> _Floats | None:
         if not self.wideband or self._positions_m is None:
@@ -388,7 +407,7 @@ class ArrayLink:
         )
         delays = self._delays(azimuth, elevation)
         samples = _simulation.array_samples(
-            self._steering(azimuth, elevation).view(np.float64).reshape(*azimuth.shape, -1, 2),
+            self._parts(azimuth, elevation),
             10.0 ** (level / 20.0),
             samples=n_samples,
             sample_rate_hz=self.sample_rate_hz,
@@ -402,8 +421,8 @@ class ArrayLink:
         )
         if front_end is None:
             return samples
-        # Streams of a front end that no block above has: its seed is another one.
-        return np.stack([front_end.apply(block, seed ^ 0x5F3759DF, stream + e) for e, block in enumerate(samples)])
+        # Another seed than that of the blocks above, and an epoch's noise is its stream's own.
+        return front_end._apply_blocks(samples, seed ^ 0x5F3759DF, stream)
 
     def iq(
         self,
@@ -489,7 +508,7 @@ class ArrayLink:
                 f"azimuth_rad, elevation_rad: shapes {azimuth.shape} and {elevation.shape}; they must agree"
             )
         return _simulation.sample_covariances(
-            self._steering(azimuth, elevation).view(np.float64).reshape(*azimuth.shape, -1, 2),
+            self._parts(azimuth, elevation),
             10.0 ** (_like(snr_db, azimuth, "snr_db") / 20.0),
             snapshots=n_snapshots,
             seed=seed,
@@ -518,6 +537,10 @@ def _rows(values: npt.ArrayLike, name: str) -> _Floats:
 
 def _like(values: npt.ArrayLike | None, rows: _Floats, name: str) -> _Floats:
     array = np.asarray(values, float)
+    if not (array <= _MOST_DB).all():
+        raise ValueError(
+            f"{name}: {array[~(array <= _MOST_DB)].flat[0]}; at most {_MOST_DB:g} dB, or -inf, is expected"
+        )
     if array.ndim == 1 and rows.shape[1] == 1:
         array = array[:, None]
     try:

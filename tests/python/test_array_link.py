@@ -166,8 +166,21 @@ def test_refusals_of_shapes():
         link.blocks([0.0], [0.5], snr_db=0.0, seed=1, front_end=FrontEnd(4))
     with pytest.raises(ValueError, match=r"snr_db: shape \(3, 1\); one number, or the shape of azimuth_rad"):
         link.blocks([0.0, 1.0], [0.5, 0.5], snr_db=[0.0, 1.0, 2.0], seed=1)
-    with pytest.raises(ValueError, match="not finite in row 0"):
-        link.covariances(math.nan, [0.0], [0.5], seed=1)
+    for call in (link.covariances, lambda level, *at, seed: link.blocks(*at, snr_db=level, seed=seed)):
+        for level in (math.nan, math.inf, 1e5):
+            with pytest.raises(ValueError, match=rf"snr_db: {level}; at most 300 dB, or -inf"):
+                call(level, [0.0], [0.5], seed=1)
+    with pytest.raises(ValueError, match="front_end: 2 channels for 4 elements"):
+        link.blocks([0.0], [0.5], power_dbm=0.0, seed=1, front_end=FrontEnd(2))
+    with pytest.raises(ValueError, match="rotation: not finite"):
+        link.directions([[0.0, 0.0, 0.0]], [3000.0, 0.0, 900.0], np.full((3, 3), math.nan))
+
+
+def test_no_epochs_are_no_samples():
+    link = ArrayLink(square())
+    assert link.blocks([], [], snr_db=0.0, n_samples=10, seed=1).shape == (0, 4, 10)
+    assert link.blocks([], [], power_dbm=0.0, n_samples=10, seed=1, front_end=FrontEnd(4)).shape == (0, 4, 10)
+    assert link.covariances(0.0, [], [], seed=1).shape == (0, 4, 4)
 
 
 # ---- Front end
@@ -183,6 +196,14 @@ def test_samples_behind_a_front_end_have_the_powers_of_the_chain():
     loud = link.blocks([0.0], [0.5], power_dbm=-60.0, n_samples=50_000, seed=1, front_end=front_end)[0]
     expected = -60.0 - 20.0 - front_end.full_scale_dbm
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(loud) ** 2, axis=1)), expected, atol=0.2)
+
+
+def test_no_two_epochs_of_any_streams_share_a_front_end_s_noise():
+    link, options = ArrayLink(square()), {"power_dbm": -np.inf, "n_samples": 50, "front_end": FrontEnd(4)}
+    streams = [link.blocks(np.zeros(3), np.full(3, 0.5), seed=1, stream=k, **options) for k in range(3)]
+    rows = np.concatenate(streams).reshape(-1, 50)
+    assert len(np.unique(rows, axis=0)) == len(rows)
+    np.testing.assert_array_equal(link.blocks([0.0], [0.5], seed=1, stream=2, **options), streams[2][:1])
 
 
 def test_snr_behind_a_front_end_is_that_of_the_link():
@@ -212,6 +233,8 @@ def test_converter_counts_what_it_clips():
         ({"iq_phase_rad": 2.0}, "iq_phase_rad: 2; it must lie between"),
         ({"gain": [1.0, 2.0, 3.0]}, "gain: 3 elements; one per channel, 4, expected"),
         ({"noise_figure_db": -1.0}, "noise_figure_db"),
+        ({"gain": 1e200}, "gain: 1e\\+200; its amplitude must be at most 1e12"),
+        ({"sample_rate_hz": 0.0}, "sample_rate_hz: 0; it must be finite and positive"),
     ],
 )
 def test_front_ends_that_cannot_be(options, sentence):
@@ -221,6 +244,8 @@ def test_front_ends_that_cannot_be(options, sentence):
         FrontEnd(0)
     with pytest.raises(ValueError, match=r"iq: shape \(3, 5\); \(4, n\)"):
         FrontEnd(4).apply(np.zeros((3, 5), np.complex64), seed=1)
+    with pytest.raises(ValueError, match=r"iq: .*complex64"):
+        FrontEnd(1).apply([[0.0, 1.0]], seed=1)
 
 
 def test_down_conversion_moves_a_carrier_to_baseband():

@@ -14,6 +14,7 @@ namespace soopnav::simulation {
 namespace {
 
 constexpr double kDefaultHeadroomDb = 40.0;
+constexpr double kMostGain = 1e12;  // samples are of single precision
 
 void require_finite(double value, const char* name) { require(std::isfinite(value), name, value, "it must be finite"); }
 
@@ -71,6 +72,7 @@ FrontEnd::FrontEnd(std::vector<ChannelErrors> channels, const FrontEndOptions& o
   for (const ChannelErrors& channel : channels_) {
     require_finite(channel.gain.real(), "gain");
     require_finite(channel.gain.imag(), "gain");
+    require(std::abs(channel.gain) <= kMostGain, "gain", std::abs(channel.gain), "its amplitude must be at most 1e12");
     require_finite(channel.phase_delay_rad, "phase_delay_rad");
     require_finite(channel.iq_gain_db, "iq_gain_db");
     require(std::abs(channel.iq_phase_rad) <= 1.0, "iq_phase_rad", channel.iq_phase_rad,
@@ -78,6 +80,8 @@ FrontEnd::FrontEnd(std::vector<ChannelErrors> channels, const FrontEndOptions& o
     require_finite(channel.dc.real(), "dc");
     require_finite(channel.dc.imag(), "dc");
   }
+  require(std::isfinite(options.sample_rate_hz) && options.sample_rate_hz > 0.0, "sample_rate_hz",
+          options.sample_rate_hz, "it must be finite and positive");
   noise_floor_dbm_ = thermal_noise_dbm(options.sample_rate_hz, options.noise_figure_db);
   full_scale_dbm_ = options.full_scale_dbm.value_or(noise_floor_dbm_ + kDefaultHeadroomDb);
   require_finite(full_scale_dbm_, "full_scale_dbm");

@@ -431,6 +431,17 @@ class FrontEnd:
         """
         iq: the channels' rows one after the other. Returns the samples and how many parts were clipped.
         """
+    def apply_blocks(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        blocks: typing.SupportsInt | typing.SupportsIndex,
+        *,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> numpy.typing.NDArray[numpy.complex64]:
+        """
+        Blocks one after the other, each as `apply` has it, with noise of its own. Returns the samples.
+        """
     def phase_delay_rad(self, channel: typing.SupportsInt | typing.SupportsIndex) -> float: ...
     @property
     def channels(self) -> int: ...
