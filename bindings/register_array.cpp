@@ -62,6 +62,7 @@ constexpr std::array<std::pair<const char*, array::SourceCount>, 3> kCounts{
     {{"mdl", array::SourceCount::kMdl}, {"aic", array::SourceCount::kAic}, {"sorte", array::SourceCount::kSorte}}};
 constexpr std::array<std::pair<const char*, array::CrlbKind>, 2> kKinds{
     {{"stochastic", array::CrlbKind::kStochastic}, {"deterministic", array::CrlbKind::kDeterministic}}};
+constexpr double kHermitian = 1e-4;  // of the largest element: room for sums in single precision
 constexpr const char* kRegions[] = {"near", "marginal", "far"};
 
 ComplexMatrix square(const ComplexTableBase& table, const char* name) {
@@ -74,6 +75,17 @@ ComplexMatrix square(const ComplexTableBase& table, const char* name) {
   ComplexMatrix out(n, n);
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index j = 0; j < n; ++j) out(i, j) = table(static_cast<std::size_t>(i), static_cast<std::size_t>(j));
+  }
+  return out;
+}
+
+/// A covariance: estimators read one triangle of it, so that the other must not say something else. NaN passes.
+ComplexMatrix hermitian(const ComplexTableBase& table) {
+  ComplexMatrix out = square(table, "R");
+  const double apart = (out - out.adjoint()).cwiseAbs().maxCoeff(), most = out.cwiseAbs().maxCoeff();
+  if (apart > kHermitian * most) {
+    throw std::invalid_argument("R: R and its conjugate transpose differ by " + std::to_string(apart / most) +
+                                " of its largest element; a Hermitian matrix expected");
   }
   return out;
 }
@@ -98,7 +110,7 @@ py::array_t<double> to_matrix(const Eigen::MatrixXd& matrix) {
 
 array::HermitianEigen eigen_of(const ComplexTableBase& table) {
   array::HermitianEigen eigen;
-  if (!array::hermitian_eigen(square(table, "R"), eigen)) {
+  if (!array::hermitian_eigen(hermitian(table), eigen)) {
     throw std::invalid_argument("R: NaN or infinity; a finite covariance expected");
   }
   return eigen;
@@ -107,6 +119,13 @@ array::HermitianEigen eigen_of(const ComplexTableBase& table) {
 void require_ok(ArrayStatus status, const char* rule) {
   if (status != ArrayStatus::kOk) {
     throw std::invalid_argument("R: " + std::string(array::to_string(status)) + "; " + rule);
+  }
+}
+
+void require_sources(int n_sources) {
+  if (n_sources < 1) {
+    throw std::invalid_argument("n_sources: " + std::to_string(n_sources) +
+                                "; 1 to the number of elements less one expected");
   }
 }
 
@@ -319,10 +338,12 @@ void register_geometry_types(py::module_& m) {
             ComplexVector a;
             for (std::size_t i = 0; i < azimuth.size(); ++i) {
               const Eigen::Vector3d u = array::unit_vector({azimuth[i], elevation[i]});
-              if (!u.allFinite() || !self.steering(u, frequency_hz, a)) {
-                throw std::invalid_argument("direction " + std::to_string(i) + ": azimuth " +
-                                            std::to_string(azimuth[i]) + ", elevation " + std::to_string(elevation[i]) +
-                                            " rad; the measured responses do not reach there");
+              const bool finite = u.allFinite();
+              if (!finite || !self.steering(u, frequency_hz, a)) {
+                throw std::invalid_argument(
+                    "direction " + std::to_string(i) + ": azimuth " + std::to_string(azimuth[i]) + ", elevation " +
+                    std::to_string(elevation[i]) +
+                    (finite ? " rad; the measured responses do not reach there" : " rad; finite angles expected"));
               }
               for (Eigen::Index k = 0; k < a.size(); ++k) view(k, static_cast<py::ssize_t>(i)) = a[k];
             }
@@ -383,7 +404,7 @@ void register_finder(py::module_& m) {
       .def(
           "estimate_covariance",
           [](SharedFinder& self, const ComplexTable<"R">& table, double n_snapshots) {
-            const ComplexMatrix R = square(table, "R");
+            const ComplexMatrix R = hermitian(table);
             std::unique_lock lock(self.mutex, std::defer_lock);
             Bearings found;
             {
@@ -397,9 +418,8 @@ void register_finder(py::module_& m) {
       .def(
           "track",
           [](SharedFinder& self, const ChannelArray<"iq">& iq, std::size_t block, std::size_t hop) {
-            if (block < 1 || hop < 1) {
-              throw std::invalid_argument("block: " + std::to_string(std::min(block, hop)) + "; at least 1 expected");
-            }
+            if (block < 1 || hop < 1)
+              throw std::invalid_argument(std::string(block < 1 ? "block" : "hop") + ": 0; at least 1 expected");
             const std::size_t blocks = iq.samples() < block ? 0 : (iq.samples() - block) / hop + 1;
             Series series(blocks, self.finder);
             {
@@ -493,7 +513,8 @@ void register_functions(py::module_& m) {
   m.def(
       "root_music",
       [](const ComplexTable<"R">& R, int n_sources, double spacing) {
-        std::vector<double> out(static_cast<std::size_t>(std::max(0, n_sources)));
+        require_sources(n_sources);
+        std::vector<double> out(static_cast<std::size_t>(n_sources));
         require_ok(array::root_music(eigen_of(R), spacing, out), "a rank of at least n_sources expected");
         return to_array(std::move(out));
       },
@@ -501,7 +522,8 @@ void register_functions(py::module_& m) {
   m.def(
       "esprit",
       [](const ComplexTable<"R">& R, int n_sources, double spacing, bool total) {
-        std::vector<double> out(static_cast<std::size_t>(std::max(0, n_sources)));
+        require_sources(n_sources);
+        std::vector<double> out(static_cast<std::size_t>(n_sources));
         require_ok(array::esprit(eigen_of(R), spacing, total, out), "a rank of at least n_sources expected");
         return to_array(std::move(out));
       },

@@ -41,7 +41,8 @@ class Bearings:
     channel : int
         At fault, or -1.
     mirror : bool
-        The array is a plane or a line: each source may as well be its image behind the array.
+        Each source may as well be its image behind the array: of a line, and of a plane unless its measured responses
+        tell the sides apart and the grid has both.
     height : ndarray, shape (K,)
         Of the normalised spectrum ``a^H W a / a^H a``; 1 is all that MUSIC can reach.
     spectrum : ndarray, shape (E, A), or None
@@ -123,8 +124,9 @@ class BearingRun:
 class SteeringTable:
     """Steering vectors over a grid of directions, made once for any number of finders.
 
-    A planar array searches the side of axis 3 (of a tilted plane: its upper side); a horizontal line half a turn at
-    elevation 0, a vertical one elevations. What a measured manifold does not reach is left out.
+    A planar array reports the side of axis 3 (of a tilted plane: its upper side), unless measured responses tell its
+    sides apart and `elevation_min_deg` lets both be searched; a horizontal line half a turn at elevation 0, a vertical
+    one elevations. What a measured manifold does not reach is left out.
 
     Parameters
     ----------
@@ -141,7 +143,7 @@ class SteeringTable:
     Warns
     -----
     AmbiguityWarning
-        When regions of directions have doubles; the message lists those of one direction.
+        When regions of directions have doubles at `frequency_hz`; the message lists those of one direction.
     """
 
     def __init__(
@@ -165,6 +167,8 @@ class SteeringTable:
             frequency_hz=0.0 if frequency_hz is None else frequency_hz,
         )
         geometry = self.manifold.geometry
+        if self.frequency_hz != geometry.frequency_hz:  # doubles are the signal's wavelength's
+            geometry = ArrayGeometry(geometry.positions_m, self.frequency_hz, geometry.name)
         if geometry.ambiguous:
             warnings.warn(_ambiguity(geometry), AmbiguityWarning, stacklevel=2 + _inside)
 
@@ -219,14 +223,16 @@ class DirectionFinder:
     loading : float
         Capon: of the diagonal, times the mean power.
     forward_backward : bool
-        Average the covariance with the array counted backwards.
+        Average the covariance with the array counted backwards; for arrays that look the same so: each element and
+        its counterpart from the end symmetric about one centre (`ula`, `planar`).
     azimuth_step_deg, elevation_step_deg, elevation_min_deg, azimuth_start_deg, frequency_hz
         As `SteeringTable`, unless one is given.
 
     Raises
     ------
     ValueError
-        For more sources than M - 1 and options out of range.
+        For more sources than M - 1, options out of range, and `forward_backward` with an array without that symmetry,
+        whose directions it would bias.
     """
 
     def __init__(
@@ -257,6 +263,8 @@ class DirectionFinder:
                 frequency_hz=frequency_hz,
                 _inside=1,
             )
+        if forward_backward:
+            _require_symmetry(self.manifold.geometry)
         self.method = method
         self.n_sources = n_sources
         self._loading = loading
@@ -315,6 +323,12 @@ class DirectionFinder:
         matrices = np.ascontiguousarray(R, dtype=np.complex128)
         if matrices.ndim != 3:
             raise ValueError(f"R: shape {matrices.shape}; (E, M, M) expected")
+        if matrices.size and matrices.shape[1] == matrices.shape[2]:
+            with np.errstate(invalid="ignore"):  # what is not finite has a status
+                apart = np.abs(matrices - matrices.conj().transpose(0, 2, 1)).max(axis=(1, 2))
+                wrong = apart > 1e-4 * np.abs(matrices).max(axis=(1, 2))
+            if wrong.any():
+                raise ValueError(f"R: matrix {int(np.argmax(wrong))} is not Hermitian; covariances expected")
         parts = matrices.view(np.float64).reshape(*matrices.shape, 2)
         return _run(self._core.run(parts, float(n_snapshots)), 0)
 
@@ -322,6 +336,17 @@ class DirectionFinder:
         count = "MDL" if self.n_sources is None else self.n_sources
         grid = f"{len(self.table.azimuth_rad)} x {len(self.table.elevation_rad)}"
         return f"DirectionFinder({self.method}, sources {count}, grid {grid}, {self.manifold!r})"
+
+
+def _require_symmetry(geometry: ArrayGeometry) -> None:
+    twice_centre = geometry.positions_m + geometry.positions_m[::-1]
+    off = np.linalg.norm(twice_centre - twice_centre[0], axis=1) / geometry.wavelength_m
+    if off.max() > 1e-6:
+        m = int(np.argmax(off))
+        raise ValueError(
+            f"forward_backward: True; elements {m} and {len(geometry) - 1 - m} are not symmetric about the centre of "
+            f"elements 0 and {len(geometry) - 1}: averaging would bias directions"
+        )
 
 
 def _bearings(result: tuple[ArrayStatus, int, Reals, Reals, Reals, float, bool]) -> Bearings:

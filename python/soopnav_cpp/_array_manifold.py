@@ -115,7 +115,8 @@ class Manifold:
         """Read measured responses from a ``.csv`` or ``.npz`` file.
 
         CSV has a header and the columns frequency_hz, azimuth_deg, elevation_deg, element (0 ... M - 1), gain_db and
-        phase_deg, in any order of columns and rows; every point of the grid that its values span. NPZ has the arrays
+        phase_deg, in any order of columns and rows; every point of the grid that its values span; a gain of -inf dB is
+        no response at all. NPZ has the arrays
         frequency_hz (F,), azimuth_rad (A,), elevation_rad (E,) and response (M, F, E, A).
 
         Raises
@@ -179,7 +180,8 @@ class Manifold:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(_COLUMNS)
                 for (m, f, e, a), value in np.ndenumerate(response):
-                    gain, phase = 20.0 * math.log10(abs(value)), math.degrees(np.angle(value))
+                    gain = 20.0 * math.log10(abs(value)) if value != 0.0 else -math.inf
+                    phase = math.degrees(np.angle(value))
                     place = (frequency[f], math.degrees(azimuth[a]), math.degrees(elevation[e]))
                     writer.writerow([repr(float(x)) for x in place] + [m, repr(gain), repr(phase)])
         else:
@@ -295,24 +297,25 @@ def _read_csv(path: Path, elements: int) -> tuple[Reals, Reals, Reals, Complexes
             if column not in header:
                 raise ValueError(f"line 1: no column {column!r}")
         places = [header.index(column) for column in _COLUMNS]
-        rows = []
-        for line, row in enumerate(reader, start=2):
+        rows, lines = [], []  # blank lines count where a line is named
+        for row in reader:
             if not row:
                 continue
+            lines.append(reader.line_num)
             try:
                 rows.append([float(row[place]) for place in places])
             except (ValueError, IndexError):
-                raise ValueError(f"line {line}: six numbers expected, got {','.join(row)!r}") from None
+                raise ValueError(f"line {lines[-1]}: six numbers expected, got {','.join(row)!r}") from None
     if not rows:
         raise ValueError("no responses below the header")
     table = np.array(rows)
     if not np.isfinite(table[:, :4]).all():
-        line = int(np.flatnonzero(~np.isfinite(table[:, :4]).all(axis=1))[0]) + 2
+        line = lines[int(np.flatnonzero(~np.isfinite(table[:, :4]).all(axis=1))[0])]
         raise ValueError(f"line {line}: frequency, angles and element must be finite")
     element = table[:, 3].astype(np.int64)
     wrong = np.flatnonzero((element != table[:, 3]) | (element < 0) | (element >= elements))
     if len(wrong):
-        raise ValueError(f"line {wrong[0] + 2}: element {table[wrong[0], 3]:g}; 0 to {elements - 1} expected")
+        raise ValueError(f"line {lines[wrong[0]]}: element {table[wrong[0], 3]:g}; 0 to {elements - 1} expected")
     axes: list[Reals] = []
     index: list[npt.NDArray[np.int64]] = []
     for angle in range(3):
@@ -339,7 +342,12 @@ _KEYS = {
     "name", "kind", "frequency_hz", "elements_m", "n", "nx", "ny", "spacing_wavelengths", "radius_wavelengths",
     "spacing_m", "radius_m", "manifold", "gain_db", "phase_deg", "calibration",
 }  # fmt: skip
-_NEEDS = {"elements": ("elements_m",), "ula": ("n",), "uca": ("n", "radius"), "planar": ("nx", "ny")}
+_USES = {
+    "elements": {"elements_m"},
+    "ula": {"n", "spacing_wavelengths", "spacing_m"},
+    "uca": {"n", "radius_wavelengths", "radius_m"},
+    "planar": {"nx", "ny", "spacing_wavelengths", "spacing_m"},
+}
 
 
 def load_array(path: str | Path) -> Manifold:
@@ -382,14 +390,24 @@ def _from_description(text: dict[str, Any], path: Path) -> Manifold:
     if unknown:
         raise ValueError(f"{unknown[0]}: no such key; known are {', '.join(sorted(_KEYS))}")
     kind = text.get("kind", "elements")
-    if kind not in _NEEDS:
-        raise ValueError(f"kind: {kind!r}; one of {', '.join(_NEEDS)} expected")
+    if not isinstance(kind, str) or kind not in _USES:
+        raise ValueError(f"kind: {kind!r}; one of {', '.join(_USES)} expected")
+    useless = sorted(set(text) & set().union(*_USES.values()) - _USES[kind])
+    if useless:
+        raise ValueError(f"{useless[0]}: not for kind {kind!r}, which knows {', '.join(sorted(_USES[kind]))}")
     frequency_hz = float(text["frequency_hz"])
     if not (math.isfinite(frequency_hz) and frequency_hz > 0.0):
         raise ValueError(f"frequency_hz: {frequency_hz}; a positive finite frequency expected")
     wavelength_m = _LIGHT_MPS / frequency_hz
 
+    def count(name: str) -> int:
+        if isinstance(text[name], bool) or not isinstance(text[name], int):
+            raise ValueError(f"{name}: {text[name]!r}; a whole number expected")
+        return int(text[name])
+
     def length(name: str, default: float | None = None) -> float:
+        if f"{name}_m" in text and f"{name}_wavelengths" in text:
+            raise ValueError(f"{name}_m, {name}_wavelengths: both are given; one of them expected")
         if f"{name}_m" in text:
             return float(text[f"{name}_m"]) / wavelength_m
         if f"{name}_wavelengths" not in text and default is not None:
@@ -399,11 +417,11 @@ def _from_description(text: dict[str, Any], path: Path) -> Manifold:
     if kind == "elements":
         geometry = ArrayGeometry(np.asarray(text["elements_m"], dtype=np.float64), frequency_hz)
     elif kind == "ula":
-        geometry = ArrayGeometry.ula(text["n"], length("spacing", 0.5), frequency_hz=frequency_hz)
+        geometry = ArrayGeometry.ula(count("n"), length("spacing", 0.5), frequency_hz=frequency_hz)
     elif kind == "uca":
-        geometry = ArrayGeometry.uca(text["n"], length("radius"), frequency_hz=frequency_hz)
+        geometry = ArrayGeometry.uca(count("n"), length("radius"), frequency_hz=frequency_hz)
     else:
-        geometry = ArrayGeometry.planar(text["nx"], text["ny"], length("spacing", 0.5), frequency_hz=frequency_hz)
+        geometry = ArrayGeometry.planar(count("nx"), count("ny"), length("spacing", 0.5), frequency_hz=frequency_hz)
     geometry = ArrayGeometry(geometry.positions_m, frequency_hz, str(text.get("name", path.stem)))
     manifold = Manifold(geometry)
     if "manifold" in text:

@@ -67,6 +67,39 @@ def test_ambiguous_spacing_warns_with_directions() -> None:
         DirectionFinder(ArrayGeometry.planar(3, 3, 0.5), azimuth_step_deg=5, elevation_step_deg=5)
 
 
+def test_ambiguity_is_that_of_the_signal_s_frequency() -> None:
+    half = ArrayGeometry.ula(4, 0.5)
+    with pytest.warns(AmbiguityWarning, match=r"elements 1 wavelengths apart.*doubles \("):
+        DirectionFinder(half, frequency_hz=2.0 * half.frequency_hz)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        DirectionFinder(ArrayGeometry.ula(4, 0.9), frequency_hz=0.5 * half.frequency_hz)
+
+
+def test_forward_backward_is_for_arrays_with_that_symmetry() -> None:
+    for geometry in (ArrayGeometry.uca(5, 0.4), ArrayGeometry.uca(4, 0.3)):
+        with pytest.raises(ValueError, match=r"forward_backward: True; elements . and . are not symmetric"):
+            DirectionFinder(geometry, forward_backward=True)
+    for geometry in (ArrayGeometry.ula(4), ArrayGeometry.planar(3, 2, 0.3)):
+        DirectionFinder(geometry, forward_backward=True)
+
+
+def test_a_plane_whose_measured_responses_tell_its_sides_apart_is_not_folded() -> None:
+    plane = ArrayGeometry.planar(2, 2, 0.2)
+    real = plane.positions_m
+    real[:, 2] = [0.0, 0.03, 0.01, 0.02]
+    bent = Manifold(ArrayGeometry(real, 1575.42e6))
+    azimuth, elevation = np.deg2rad(np.arange(-180.0, 180.0, 5.0)), np.deg2rad(np.arange(-90.0, 91.0, 5.0))
+    el, az = np.meshgrid(elevation, azimuth, indexing="ij")
+    sphere = Manifold.measured(plane, 1575.42e6, azimuth, elevation, bent.steering(az, el).reshape(4, 1, *el.shape))
+    a = bent.steering(0.5, np.deg2rad(-10.0))
+    R = a @ a.conj().T + np.eye(4)
+    found = DirectionFinder(sphere, elevation_min_deg=-30).estimate_covariance(R, 2500)
+    assert not found.mirror
+    np.testing.assert_allclose([found.azimuth_rad[0], found.elevation_rad[0]], [0.5, np.deg2rad(-10.0)], atol=3e-3)
+    assert DirectionFinder(sphere).estimate_covariance(R, 2500).mirror  # one side only is searched
+
+
 def test_mirror_is_stated_and_folded_to_the_reported_side() -> None:
     a = Manifold(ArrayGeometry.planar(2, 2, 0.2)).steering(0.5, -0.8)  # from below
     R = a @ a.conj().T + np.eye(4)
@@ -209,10 +242,55 @@ def test_load_array(tmp_path: Path) -> None:
         ("frequency_hz = 1e9\ncolour = 'red'\n", "colour: no such key"),
         ("frequency_hz = 1e9\nelements_m = [[0,0,0],[0,0,0]]\n", "lie on one point"),
         ("frequency_hz = \n", "array.toml"),
+        ("frequency_hz = 1e9\nkind = ['ula']\n", "kind: .'ula'.; one of"),
+        ("frequency_hz = 1e9\nkind = 'ula'\nn = 4.5\n", "n: 4.5; a whole number"),
+        ("frequency_hz = 1e9\nkind = 'planar'\nn = 4\nnx = 2\nny = 2\n", "n: not for kind 'planar'"),
+        (
+            "frequency_hz = 1e9\nkind = 'ula'\nn = 4\nspacing_m = 0.1\nspacing_wavelengths = 0.5\n",
+            "spacing_m, spacing_wavelengths: both",
+        ),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=message):
             sn.array.load_array(path)
+
+
+def test_a_response_of_nothing_is_kept_in_a_file(tmp_path: Path) -> None:
+    geometry = ArrayGeometry.ula(2)
+    azimuth, elevation = np.deg2rad([0.0, 10.0]), np.deg2rad([0.0, 10.0])
+    response = np.ones((2, 1, 2, 2), complex)
+    response[1, 0, 0, 0] = 0.0
+    silent = Manifold.measured(geometry, 1e9, azimuth, elevation, response)
+    read = Manifold.load(silent.save(tmp_path / "m.csv"), geometry)
+    np.testing.assert_allclose(read.steering(0.0, 0.0, 1e9)[:, 0], [1.0, 0.0], atol=1e-12)
+
+
+def test_a_faulty_line_is_named_though_blank_ones_are_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    header = "frequency_hz,azimuth_deg,elevation_deg,element,gain_db,phase_deg\n\n\n"
+    for row, message in (
+        ("1e9,0,0,7,0,0", "line 4: element 7"),
+        ("1e9,nan,0,0,0,0", "line 4: frequency, angles"),
+        ("1e9,0,0,zero,0,0", "line 4: six numbers"),
+    ):
+        path.write_text(f"{header}{row}\n")
+        with pytest.raises(ValueError, match=message):
+            Manifold.load(path, ArrayGeometry.ula(2))
+
+
+def test_a_covariance_is_hermitian() -> None:
+    R = 2.0 * np.eye(4) + np.tri(4, k=-1)
+    for call in (
+        lambda: sn.array.eigenvalues(R),
+        lambda: sn.array.music(R, ArrayGeometry.ula(4), 1),
+        lambda: sn.array.root_music(R, 1),
+    ):
+        with pytest.raises(ValueError, match=r"R: R and its conjugate transpose differ by 0\.5"):
+            call()
+    with pytest.raises(ValueError, match="R: matrix 1 is not Hermitian"):
+        DirectionFinder(ArrayGeometry.ula(4)).run([np.eye(4), R], 100)
+    single = (np.ones((4, 4)) + 1e-6 * np.tri(4)).astype(np.complex64)
+    assert sn.array.eigenvalues(single)[0] == pytest.approx(4.0, rel=1e-5)
 
 
 def test_antennas() -> None:
@@ -258,6 +336,14 @@ def test_bad_input_is_refused_by_name() -> None:
         (lambda: ArrayGeometry([[0, 0, 0], [nan, 0, 0]], 1e9), "not finite"),
         (lambda: ArrayGeometry([[0, 0, 0], [1, 0, 0]], 0.0), "frequency_hz: 0"),
         (lambda: ArrayGeometry.ula(33), "n: 33"),
+        (lambda: Manifold(ula).steering(nan, 0.0), "finite angles expected"),
+        (lambda: DirectionFinder(ula).track(np.zeros((4, 20), np.complex64), 10, 0), "hop: 0"),
+        (lambda: sn.array.root_music(R, -1), "n_sources: -1"),
+        (
+            lambda: sn.array.crlb(ArrayGeometry.planar(2, 2), [[0.5, 0.0]], 1.0, 1.0, 100),
+            "directions: azimuth 0.5, elevation 0 rad; the array does not determine",
+        ),
+        (lambda: sn.array.esprit(R, -1), "n_sources: -1"),
         (lambda: ArrayGeometry.planar(8, 8), "nx"),
         (lambda: DirectionFinder(ula, n_sources=4), "n_sources: 4; 0 .* to the number of elements less one"),
         (lambda: DirectionFinder(ula, n_sources=0), "n_sources: 0"),

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <sstream>
+#include <string>
 
 #include "array/kernels.hpp"
 #include "array/require.hpp"
@@ -336,6 +338,16 @@ void source_powers(const ComplexMatrix& A, const ComplexMatrix& R, double noise,
 
 namespace {
 
+std::string shown(std::span<const Direction> directions) {
+  std::ostringstream text;
+  const char* gap = "";
+  for (const Direction& direction : directions) {
+    text << gap << "azimuth " << direction.azimuth_rad << ", elevation " << direction.elevation_rad << " rad";
+    gap = " and ";
+  }
+  return text.str();
+}
+
 Eigen::MatrixXd bound(const Manifold& manifold, std::span<const Direction> directions, const ComplexMatrix& powers,
                       double noise, double n_snapshots, CrlbKind kind, int active) {
   const Eigen::Index sources = static_cast<Eigen::Index>(directions.size());
@@ -363,7 +375,7 @@ Eigen::MatrixXd bound(const Manifold& manifold, std::span<const Direction> direc
   Subspace at;
   const bool regular = at.at(manifold, manifold.geometry().frequency_hz(), active,
                              std::span<const Eigen::Vector3d>(u).first(directions.size()));
-  require(regular, "directions", sources, "the array cannot tell these directions apart");
+  if (!regular) require(false, "directions", shown(directions), "the array cannot tell these directions apart");
   ComplexMatrix T = powers;
   if (kind == CrlbKind::kStochastic) {
     const ComplexMatrix R = ComplexMatrix(ComplexMatrix(at.A.lazyProduct(powers)).lazyProduct(at.A.adjoint())) +
@@ -377,7 +389,7 @@ Eigen::MatrixXd bound(const Manifold& manifold, std::span<const Direction> direc
   }
   Information inverse;
   const bool determined = invert(Information(at.weighted(T) * (2.0 * n_snapshots / noise)), inverse);
-  require(determined, "directions", sources, "the array does not determine these directions");
+  if (!determined) require(false, "directions", shown(directions), "the array does not determine these angles");
   if (active == 3) {
     for (Eigen::Index k = 0; k < sources; ++k) {
       const Eigen::Vector3d& direction = u[static_cast<std::size_t>(k)];
