@@ -119,6 +119,7 @@ class Calibration:
         -------
         ndarray, shape (M, n), complex64
         """
+        iq = np.asarray(iq)
         if iq.ndim != 2 or iq.shape[0] != self.n_channels:
             raise CalibrationError(
                 f"iq: shape {iq.shape}; ({self.n_channels}, n), a row per calibrated channel, is expected"
@@ -318,6 +319,7 @@ def calibrate(
         names the channel and what was found.
     """
     positions = _positions(geometry)
+    iq = np.asarray(iq)
     if iq.ndim != 2 or iq.shape[0] != len(positions):
         raise CalibrationError(
             f"iq: shape {iq.shape}; ({len(positions)}, n), a row per element of the array, is expected"
@@ -326,6 +328,8 @@ def calibrate(
     carrier = getattr(inner, "frequency_hz", None) if frequency_hz is None else frequency_hz
     if carrier is None:
         raise CalibrationError("frequency_hz: positions alone do not say the carrier; give it")
+    if not (math.isfinite(carrier) and carrier > 0.0):
+        raise CalibrationError(f"frequency_hz: {carrier}; a positive finite frequency is expected")
     report = _array.calibrate(
         iq.reshape(-1), iq.shape[0], sample_rate_hz, tone_hz, reference=reference, tolerance_hz=tolerance_hz
     )

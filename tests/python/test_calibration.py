@@ -15,6 +15,7 @@ from hypothesis.extra import numpy as hnp
 import soopnav_cpp as sn
 from soopnav_cpp import array, plotting
 from soopnav_cpp.cli.app import cli
+from soopnav_cpp.experiments import carter_calibration
 
 pytestmark = pytest.mark.unit
 
@@ -390,3 +391,22 @@ def test_page_runs_as_it_stands(capsys):
     assert 0.6 < rms / predicted < 1.6
     for name in re.findall(r"\]\(((?:images/|\.\./)[^)]+)\)", page):
         assert (Path(__file__).parents[2] / "docs" / name).exists()
+
+
+@pytest.mark.parametrize("carrier", [math.nan, math.inf, 0.0, -1.0])
+def test_a_carrier_that_cannot_be(carrier):
+    with pytest.raises(array.CalibrationError, match=r"frequency_hz: .*positive finite"):
+        array.calibrate(spoilt(tone(TONE)), RATE, TONE, geometry(), frequency_hz=carrier)
+
+
+def test_lists_are_not_samples():
+    with pytest.raises(ValueError, match=r"iq: .*complex64"):
+        array.calibrate(tone(TONE, n=100).tolist(), RATE, TONE, geometry())
+
+
+def test_the_capture_that_judges_a_calibration_has_noise_of_its_own():
+    first, second = (carter_calibration.recorded(1, TONE, stream) for stream in (0, 1))
+    phase = 2 * np.pi * TONE / RATE * np.arange(first.shape[1])
+    design = np.stack([np.exp(1j * phase), np.exp(-1j * phase), np.ones(len(phase))], axis=1)
+    rest = [x.T - design @ np.linalg.lstsq(design, x.T.astype(complex), rcond=None)[0] for x in (first, second)]
+    assert abs(np.vdot(*rest)) < 0.05 * np.linalg.norm(rest[0]) * np.linalg.norm(rest[1])

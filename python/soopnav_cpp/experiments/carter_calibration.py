@@ -69,11 +69,11 @@ def lines(samples: Samples, frequency_hz: float) -> tuple[npt.NDArray[np.complex
     return found[0], found[1]
 
 
-def recorded(seed: int, frequency_hz: float) -> Samples:
-    """The tone as the receivers record it, `SNR_DB` over the noise of a channel without gain."""
+def recorded(seed: int, frequency_hz: float, stream: int = 0) -> Samples:
+    """The tone as the receivers record it, `SNR_DB` over the noise of a channel without gain; a stream is a capture."""
     front_end = receivers(seed)
     level_dbm = front_end.noise_floor_dbm + SNR_DB + 1.5  # the weakest gain is -1.5 dB
-    return front_end.apply(tone(frequency_hz, 10.0 ** (level_dbm / 20.0)), seed)
+    return front_end.apply(tone(frequency_hz, 10.0 ** (level_dbm / 20.0)), seed, stream)
 
 
 def calibrated(seed: int) -> array.Calibration:
@@ -88,7 +88,7 @@ def trial(seed: int) -> Trial:
     before = lines(other, OTHER_HZ)
     after = lines(found.apply(other), OTHER_HZ)
     finder = array.DirectionFinder(geometry())
-    overhead = recorded(seed, OTHER_HZ)
+    overhead = recorded(seed, OTHER_HZ, stream=1)
     elevations = [
         float(np.degrees(finder.estimate(samples).elevation_rad[0])) for samples in (overhead, found.apply(overhead))
     ]
