@@ -278,6 +278,16 @@ def test_a_faulty_line_is_named_though_blank_ones_are_before_it(tmp_path: Path) 
             Manifold.load(path, ArrayGeometry.ula(2))
 
 
+def test_a_faint_source_is_found() -> None:
+    rng = np.random.default_rng(1)
+    manifold = Manifold(ArrayGeometry.planar(2, 2, 0.2))
+    noise = 0.01 * rng.standard_normal((4, 500))
+    iq = 1e-25 * (manifold.steering(0.5, 0.9) @ rng.standard_normal((1, 500)) + noise)
+    found = DirectionFinder(manifold).estimate(iq.astype(np.complex64))
+    assert found.status == ArrayStatus.OK
+    np.testing.assert_allclose([found.azimuth_rad[0], found.elevation_rad[0]], [0.5, 0.9], atol=0.01)
+
+
 def test_a_covariance_is_hermitian() -> None:
     R = 2.0 * np.eye(4) + np.tri(4, k=-1)
     for call in (

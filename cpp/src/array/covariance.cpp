@@ -10,7 +10,25 @@ namespace soopnav::array {
 
 namespace {
 
-constexpr double kDead = 1e-10;  // of the strongest channel's power
+constexpr double kDead = 1e-10;   // of the strongest channel's power
+constexpr double kFaint = 1e-26;  // mean power below which squares of a channel not yet dead leave single precision
+
+/// The kernel's sums in double precision.
+void faint_sums(const ChannelSpan& iq, double* power, double* re, double* im) noexcept {
+  std::size_t pair = 0;
+  for (std::size_t i = 0; i < iq.channels; ++i) {
+    const Cf32* const x = iq.samples + i * iq.stride;
+    power[i] = 0.0;
+    for (std::size_t n = 0; n < iq.snapshots; ++n) power[i] += std::norm(Cf64(x[n]));
+    for (std::size_t j = 0; j < i; ++j, ++pair) {
+      const Cf32* const y = iq.samples + j * iq.stride;
+      Cf64 sum = 0.0;
+      for (std::size_t n = 0; n < iq.snapshots; ++n) sum += Cf64(x[n]) * std::conj(Cf64(y[n]));
+      re[pair] = sum.real();
+      im[pair] = sum.imag();
+    }
+  }
+}
 
 }  // namespace
 
@@ -26,6 +44,7 @@ CovarianceReport covariance(const ChannelSpan& iq, ComplexMatrix& out) noexcept 
     if (!std::isfinite(power[m])) return {ArrayStatus::kNonFinite, static_cast<int>(m)};
   }
   const double scale = 1.0 / static_cast<double>(iq.snapshots);
+  if (scale * *std::max_element(power, power + iq.channels) < kFaint) faint_sums(iq, power, re, im);
   std::size_t pair = 0;
   for (Eigen::Index i = 0; i < channels; ++i) {
     out(i, i) = scale * power[i];

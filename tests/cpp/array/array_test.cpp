@@ -213,6 +213,20 @@ TEST(ArrayFinder, StatusesOfBadData) {
   EXPECT_THROW(DirectionFinder(table, {DirectionMethod::kMusic, 4, 0.0, false}), std::invalid_argument);
 }
 
+// Squares that single precision cannot hold are no dead channel.
+TEST(ArrayCovariance, FaintSamplesAreNotDead) {
+  auto iq = samples(4 * 100, 3);
+  ComplexMatrix R, faint;
+  ASSERT_EQ(covariance({iq.data(), 4, 100, 100}, R).status, ArrayStatus::kOk);
+  for (Cf32& x : iq) x = {std::ldexp(x.real(), -83), std::ldexp(x.imag(), -83)};  // 1e-25
+  ASSERT_EQ(covariance({iq.data(), 4, 100, 100}, faint).status, ArrayStatus::kOk);
+  EXPECT_LT((std::ldexp(1.0, 166) * faint - R).cwiseAbs().maxCoeff(), 1e-6);
+  std::fill(iq.begin() + 100, iq.begin() + 200, Cf32(0.0F, 0.0F));
+  const CovarianceReport report = covariance({iq.data(), 4, 100, 100}, faint);
+  EXPECT_EQ(report.status, ArrayStatus::kDeadChannel);
+  EXPECT_EQ(report.channel, 1);
+}
+
 // A plane by its positions whose measured responses are those of `real` elements, over the whole sphere.
 Manifold measured_sphere(const ArrayGeometry& plane, const ArrayGeometry& real) {
   const Manifold truth(real), nominal(plane);
