@@ -1,5 +1,6 @@
 #include "soopnav/gnss/attitude.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -205,7 +206,7 @@ void finish(const detail::AttitudeInformation& at, AttitudeFix& fix) noexcept {
   fix.euler = geometry::euler_from_rotation(T);
   fix.chi_square = at.chi_square;
   fix.degrees_of_freedom = at.rows - 3;
-  const Eigen::Matrix3d inverse = at.information.inverse();
+  const Eigen::Matrix3d inverse = at.information.llt().solve(Eigen::Matrix3d::Identity());
   fix.covariance_rad2 = 0.5 * (inverse + inverse.transpose());
   if (std::abs(std::cos(fix.euler.pitch_rad)) > 0.01) {
     const Eigen::Matrix3d E = rotation_from_euler_change(fix.euler).inverse();

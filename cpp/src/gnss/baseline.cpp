@@ -1,7 +1,7 @@
 #include "soopnav/gnss/baseline.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -421,7 +421,7 @@ Eigen::Matrix3d on_sphere(const Eigen::Matrix3d& information, const Eigen::Vecto
   tangent.col(0) = normal.cross(Eigen::Vector3d::Unit(least)).normalized();
   tangent.col(1) = normal.cross(tangent.col(0));
   const Eigen::Matrix2d inner = tangent.transpose() * information * tangent;
-  return tangent * inner.inverse() * tangent.transpose();
+  return tangent * inner.llt().solve(tangent.transpose());
 }
 
 }  // namespace

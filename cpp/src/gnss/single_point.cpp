@@ -1,7 +1,7 @@
 #include "soopnav/gnss/single_point.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -154,13 +154,13 @@ struct Epochal {
     if (rows < 4) return;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(N);
     if (!(eigen.eigenvalues()[0] > 1e-10 * eigen.eigenvalues()[3])) return;
-    const Eigen::Matrix4d cofactor = N.inverse();
-    const Eigen::Vector4d x = cofactor * g;
+    const Eigen::LLT<Eigen::Matrix4d> factor(N);
+    const Eigen::Vector4d x = factor.solve(g);
     if (!x.allFinite()) return;
     fix.has_velocity = true;
     fix.velocity_e = x.head<3>();
     fix.clock_drift_mps = x[3];
-    fix.velocity_covariance = cofactor.topLeftCorner<3, 3>();
+    fix.velocity_covariance = factor.solve(Eigen::Matrix<double, 4, 3>::Identity()).topRows<3>();
   }
 };
 
@@ -173,7 +173,7 @@ Dop level_dop(const Eigen::Vector3d& p, const Lines& lines, const Eigen::Matrix3
     N += h * h.transpose();
   }
   Dop dop;
-  const Eigen::Matrix4d Q = N.inverse();
+  const Eigen::Matrix4d Q = N.llt().solve(Eigen::Matrix4d::Identity());
   dop.gdop = std::sqrt(Q.trace());
   dop.pdop = std::sqrt(Q(0, 0) + Q(1, 1) + Q(2, 2));
   dop.hdop = std::sqrt(Q(0, 0) + Q(1, 1));
