@@ -106,5 +106,10 @@ def beyond_static(lab: Lab) -> Iterator[Claim]:
         yield Claim(
             f"in space, end of the drive: RMSE of {words} over the CRLB", space_ratio[name][-1], band(0.85, 1.18)
         )
-    far = moving["ekf_bank"].nees(truth[chosen])[:, -1]
-    yield Claim("divergences of the bank with a moving emitter (NEES above 27.6)", int(np.sum(far > 27.6)), at_most(0))
+    # As in carter-x2: the NEES alone exceeds its quantile of 1e-6 once in 2500 batches of 400.
+    last = moving["ekf_bank"]
+    far = last.error_m(truth[chosen])[:, -1] > 10.0 * np.sqrt(np.trace(bound[chosen[-1], :2, :2]))
+    diverged = far & (last.nees(truth[chosen])[:, -1] > 27.6)
+    yield Claim(
+        "divergences of the bank with a moving emitter (10 CRLB and NEES above 27.6)", int(np.sum(diverged)), at_most(0)
+    )
