@@ -87,6 +87,8 @@ class _Observed:
 
 
 def _floats(name: str, value: npt.ArrayLike) -> _Array:
+    if np.iscomplexobj(value):
+        raise ValueError(f"{name}: real numbers expected, got complex ones")
     try:
         return np.asarray(value, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
@@ -298,9 +300,10 @@ class SourceLocator:
             self._core = _navigation.SourceLocator(
                 _named("method", method, _METHODS), dimensions, _named("motion", motion, _MOTIONS), start_m, **options
             )
-        except (RuntimeError, TypeError) as error:
-            raise ValueError(f"options: a number of the wrong kind among {options} ({error})") from None
+        except (RuntimeError, TypeError):
+            raise ValueError(f"options: a number of the wrong kind among {options}") from None
         self._seed = int(options.get("seed", 0))
+        self._start = None if start_m is None else _floats("start_m", start_m)
         self._steps = 0
 
     def step(
@@ -333,6 +336,8 @@ class SourceLocator:
         """
         z = _floats("bearing", bearing).reshape(1, -1)
         s = _floats("sigma", sigma).reshape(-1)
+        if not s.size:
+            raise ValueError("sigma: a number expected, got none")
         seen = _observed(
             _floats("position", position).reshape(1, -1),
             z,
@@ -404,8 +409,9 @@ class SourceLocator:
         bearings : array_like, shape (runs, n) or (runs, n, 2)
         sigmas : float or array_like, shape (n,), (runs, n), or with a last axis of 2
         starts_m : array_like, shape (runs, d), optional
+            Otherwise every run has the locator's own start, if any.
         seeds : sequence of int, optional
-            One for each run; otherwise the locator's own plus the number of the run.
+            One for each run, not negative; otherwise the locator's own plus the number of the run.
         epochs : sequence of int, optional
             Where a fix is made, ascending; otherwise only at the last.
 
@@ -429,17 +435,29 @@ class SourceLocator:
         chosen = [n - 1] if epochs is None else [int(k) for k in epochs]
         if any(not 0 <= k < n for k in chosen) or any(b <= a for a, b in itertools.pairwise(chosen)):
             raise ValueError(f"epochs: ascending indices below {n} expected, got {list(chosen)}")
-        starts = np.empty((0, self.dimensions)) if starts_m is None else _floats("starts_m", starts_m)
+        own = np.empty((0, self.dimensions)) if self._start is None else np.tile(self._start, (runs, 1))
+        starts = own if starts_m is None else _floats("starts_m", starts_m)
         if starts_m is not None and starts.shape != (runs, self.dimensions):
             raise ValueError(f"starts_m: expected shape ({runs}, {self.dimensions}), got {starts.shape}")
         drawn = [self._seed + run for run in range(runs)] if seeds is None else [int(seed) for seed in seeds]
         if len(drawn) != runs:
             raise ValueError(f"seeds: {runs} expected, got {len(drawn)}")
+        if any(not 0 <= seed < 2**64 for seed in drawn):
+            raise ValueError(f"seeds: numbers from 0 to 2^64 - 1 expected, got {drawn}")
         return _run(seen.times_s[chosen], self._core.run_many(*seen.arguments, starts, drawn, chosen))
 
     def reset(self, start_m: npt.ArrayLike | None = None, *, seed: int | None = None) -> None:
-        """As new, from another start."""
-        self._core.reset(start_m, self._seed if seed is None else seed)
+        """As new, from another start; without one from the bearings."""
+        start = None if start_m is None else _floats("start_m", start_m)
+        if start is not None and start.shape != (self.dimensions,):
+            raise ValueError(f"start_m: expected shape ({self.dimensions},), got {start.shape}")
+        if start is not None and not np.isfinite(start).all():
+            raise ValueError(f"start_m: finite numbers expected, got {start.tolist()}")
+        drawn = self._seed if seed is None else int(seed)
+        if not 0 <= drawn < 2**64:
+            raise ValueError(f"seed = {drawn}: 0 to 2^64 - 1 expected")
+        self._core.reset(start, drawn)
+        self._start, self._seed = start, drawn
 
     @property
     def particles_m(self) -> _Array:
@@ -499,7 +517,8 @@ def locate_source(
     seed : int
         Of the particle filter.
     **options
-        See `SourceLocator`. Without ``max_range_m`` sources are looked for to 20 times the path's extent; without
+        See `SourceLocator`. Without ``max_range_m`` sources are looked for to 20 times the path's extent, and to 100
+        times ``min_range_m`` where one is given; without
         ``bank_azimuths`` the bank starts all round when no bearing is good enough.
 
     Returns
@@ -523,9 +542,12 @@ def locate_source(
         heading_sigma_rad=heading_sigma_rad,
     )
     finite = seen.positions[np.isfinite(seen.positions).all(axis=1)]
-    extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
+    with np.errstate(over="ignore"):
+        extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
+    if not np.isfinite(extent):
+        raise ValueError("positions: they lie too far apart for their distance to be a number")
     if "max_range_m" not in options and extent > 0.0:
-        options["max_range_m"] = 20.0 * extent
+        options["max_range_m"] = max(20.0 * extent, 100.0 * options.get("min_range_m", 0.0))
     options.setdefault("min_range_m", 0.01 * options.get("max_range_m", 3000.0))
     if method == "ekf_bank" and "bank_azimuths" not in options:
         worst = seen.sigmas.max(axis=1)
@@ -577,7 +599,8 @@ def source_crlb(
     Returns
     -------
     ndarray, shape (n, d, d), or (n, 2 d, 2 d) with the velocity
-        Infinite on the diagonal where nothing is determined yet.
+        Infinite on the diagonal where nothing is determined yet. Bearings that a locator leaves out (a sigma or a
+        platform's variance that is not right) tell nothing.
     """
     at = _floats("emitter", emitter)
     if at.shape not in ((2,), (3,)):
@@ -650,6 +673,8 @@ def likelihood_surface(
         dimensions=2,
     )
     rows, columns = shape
+    if not (isinstance(rows, (int, np.integer)) and isinstance(columns, (int, np.integer)) and min(shape) >= 2):
+        raise ValueError(f"shape = {tuple(shape)}: two whole numbers, each at least 2, expected")
     surface = _navigation.likelihood_surface(
         *seen.arguments, (float(x[0]), float(x[1])), (float(y[0]), float(y[1])), columns, rows, outlier_probability
     )
@@ -716,16 +741,21 @@ class SourceTracks:
             raise ValueError(f"{unknown[0]}: no such option; known are {', '.join(sorted(SourceLocator._OPTIONS))}")
         self.dimensions = dimensions
         self.tracks: list[SourceTrack] = []
-        self._core = _navigation.SourceTracks(
-            dimensions,
-            _named("motion", motion, _MOTIONS),
-            gate_probability,
-            clutter_density_per_rad,
-            confirm_hits,
-            confirm_epochs,
-            drop_misses,
-            **options,
-        )
+        kind = _named("motion", motion, _MOTIONS)
+        try:
+            self._core = _navigation.SourceTracks(
+                dimensions,
+                kind,
+                gate_probability,
+                clutter_density_per_rad,
+                confirm_hits,
+                confirm_epochs,
+                drop_misses,
+                **options,
+            )
+        except (RuntimeError, TypeError):
+            counts = {"confirm_hits": confirm_hits, "confirm_epochs": confirm_epochs, "drop_misses": drop_misses}
+            raise ValueError(f"options: a number of the wrong kind among {options | counts}") from None
 
     def step(
         self,

@@ -401,3 +401,45 @@ def test_wrong_arguments_of_the_others_are_named() -> None:
         SourceTracks(clutter_density_per_rad=-1.0)
     with pytest.raises(ValueError, match="covariance_m2"):
         cep(np.ones(3))
+
+
+@pytest.mark.unit
+def test_many_runs_begin_where_the_locator_does() -> None:
+    p = drive()
+    sigma = sigmas(p, SOURCE)
+    z = heard(p, SOURCE, sigma, 2, 2)
+    locator = SourceLocator("ekf", start_m=[60.0, 90.0], start_sigma_m=100.0)
+    own = locator.run_many(np.arange(len(p)), p, z, sigma)
+    given = locator.run_many(np.arange(len(p)), p, z, sigma, starts_m=[[60.0, 90.0]] * 2)
+    bare = SourceLocator("ekf", start_sigma_m=100.0).run_many(np.arange(len(p)), p, z, sigma)
+    assert (own.position_m == given.position_m).all()
+    assert (own.position_m != bare.position_m).any()
+
+
+@pytest.mark.unit
+def test_numbers_that_cannot_be_are_named() -> None:
+    p = drive(5)
+    locator = SourceLocator("ekf", start_m=[0.0, 0.0])
+    for start in ([np.nan, 0.0], [1.0], [1.0, 2.0, 3.0, 4.0]):
+        with pytest.raises(ValueError, match="start_m: "):
+            locator.reset(start)
+    with pytest.raises(ValueError, match="seed = -1"):
+        locator.reset(seed=-1)
+    with pytest.raises(ValueError, match="seeds: numbers from 0"):
+        locator.run_many(range(5), p, np.zeros((1, 5)), 0.1, seeds=[-3])
+    with pytest.raises(ValueError, match="sigma: a number expected"):
+        locator.step(0.0, p[0], 0.1, [])
+    with pytest.raises(ValueError, match="bearings: real numbers"):
+        locate_source(p, np.full(5, 1.0 + 1.0j), 0.1)
+    far = p.copy()
+    far[0, 0] = 1e300
+    with pytest.raises(ValueError, match="positions: they lie too far apart"):
+        locate_source(far, np.zeros(5), 0.1)
+    with pytest.raises(ValueError, match="options: a number of the wrong kind") as error:
+        SourceTracks(filters=2.5)
+    assert "Invoked" not in str(error.value)
+    assert "cast" not in str(error.value)
+    with pytest.raises(ValueError, match="shape = "):
+        likelihood_surface(p, np.zeros(5), 0.1, (0.0, 1.0), (0.0, 1.0), shape=(-1, 5))
+    short = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros(5)])
+    assert locate_source(short, np.linspace(1.0, 1.2, 5), 0.1, "ekf_bank", min_range_m=100.0).used > 0
