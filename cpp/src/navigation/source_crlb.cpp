@@ -88,8 +88,16 @@ std::vector<Eigen::MatrixXd> source_crlb(std::span<const SourceBearing> bearings
       kept.b.yz = C(1, 2);
       kept.b.zz = C(2, 2);
     }
+    // A locator leaves such a bearing out.
+    bool good = bearing.sigma_azimuth_rad > 0.0 && bearing.heading_sigma_rad >= 0.0 &&
+                (dims == 2 || bearing.sigma_elevation_rad > 0.0);
+    for (Eigen::Index i = 0; i < dims; ++i) {
+      for (Eigen::Index j = 0; j < dims; ++j) {
+        good = good && C(i, i) >= 0.0 && C(i, j) * C(i, j) <= C(i, i) * C(j, j) * (1.0 + 1e-9);
+      }
+    }
     detail::Angles angles;
-    if (detail::predict(layout, x, t_s, kept, angles)) {
+    if (good && detail::predict(layout, x, t_s, kept, angles)) {
       for (std::size_t row = 0; row + 1 < layout.dimensions; ++row) {
         if (!(angles.variance[row] > 0.0) || !std::isfinite(angles.variance[row])) continue;
         Eigen::MatrixXd H(1, n);
