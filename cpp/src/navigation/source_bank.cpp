@@ -11,6 +11,22 @@ namespace {
 
 // Members below this share of the best are not followed any further.
 constexpr double kDead = -30.0;
+// Heading bias that a member is started with at most (1 sigma): a bank of unsplit ones is sure of a wrong range.
+constexpr double kBiasPiece = 0.02;
+constexpr double kBiasSpan = 3.0;  // sigmas that the pieces cover to either side
+constexpr std::size_t kMostPieces = 61;
+
+// Pieces of the prior of the heading bias, 2 `piece` apart.
+struct BiasPieces {
+  std::size_t count = 1;
+  double piece = 0.0;
+};
+BiasPieces bias_pieces(double sigma_rad) noexcept {
+  if (!(sigma_rad > kBiasPiece)) return {1, sigma_rad};
+  const double wanted = std::ceil(kBiasSpan * sigma_rad / (2.0 * kBiasPiece));
+  const std::size_t half = std::min(static_cast<std::size_t>(std::min(wanted, 1e3)), (kMostPieces - 1) / 2);
+  return {2 * half + 1, kBiasSpan * sigma_rad / (2.0 * static_cast<double>(half))};
+}
 
 }  // namespace
 
@@ -66,7 +82,8 @@ EkfBank::EkfBank(const SourceOptions& options, const Layout& layout) : options_(
                                          options.method == SourceMethod::kLeastSquares));
   if (needed) {
     members_.resize(static_cast<std::size_t>(options.filters) *
-                    static_cast<std::size_t>(std::max(options.bank_azimuths, 1)));
+                    static_cast<std::size_t>(std::max(options.bank_azimuths, 1)) *
+                    bias_pieces(layout.biased ? options.heading_bias_sigma_rad : 0.0).count);
   }
 }
 
@@ -85,15 +102,26 @@ void EkfBank::start(const Kept& kept) noexcept {
   // Neighbours meet at one sigma.
   const double spread = (ratio - 1.0) / (ratio + 1.0);
   double range = options_.min_range_m;
+  const double sigma_bias = layout_.biased ? options_.heading_bias_sigma_rad : 0.0;
+  const BiasPieces biases = bias_pieces(sigma_bias);
+  SourceOptions piece = options_;
+  piece.heading_bias_sigma_rad = biases.piece;
+  // The pieces' centres vary by what their own width leaves of the prior.
+  const double variance = sigma_bias * sigma_bias - biases.piece * biases.piece;
+  std::size_t next = 0;
   for (std::size_t i = 0; i < ranges; ++i) {
     for (std::size_t k = 0; k < directions; ++k) {
       const bool all_round = options_.bank_azimuths > 0;
       const double width = kTwoPi / static_cast<double>(directions);
       const double azimuth = all_round ? width * static_cast<double>(k) : kept.azimuth;
       const double sigma = all_round ? 0.5 * width : std::sqrt(kept.b.variance_azimuth);
-      Member& m = members_[i * directions + k];
-      start_along(options_, layout_, kept, azimuth, sigma, range, spread * range, m.g);
-      m.log_weight = 0.0;
+      for (std::size_t j = 0; j < biases.count; ++j) {
+        const double bias = (2.0 * static_cast<double>(j) - static_cast<double>(biases.count - 1)) * biases.piece;
+        Member& m = members_[next++];
+        start_along(piece, layout_, kept, azimuth - bias, sigma, range, spread * range, m.g);
+        if (layout_.biased) m.g.x[layout_.bias()] = bias;
+        m.log_weight = biases.count > 1 ? -0.5 * bias * bias / variance : 0.0;
+      }
     }
     range *= ratio;
   }
