@@ -10,6 +10,7 @@ namespace soopnav::navigation::detail {
 namespace {
 
 constexpr double kMinLevelM = 1e-3;
+constexpr double kMaxSigmaRad = 1e3;  // beyond it densities leave what numbers hold
 
 }  // namespace
 
@@ -25,7 +26,9 @@ BearingUse pack(const SourceBearing& b, std::size_t dimensions, Kept& out) noexc
   }
   if (!finite) return BearingUse::kNotFinite;
   const auto& C = b.position_covariance_m2;
-  bool good = b.sigma_azimuth_rad >= 1e-9 && b.heading_sigma_rad >= 0.0 && (!space || b.sigma_elevation_rad >= 1e-9);
+  const auto usual = [](double sigma) { return sigma >= 1e-9 && sigma <= kMaxSigmaRad; };
+  bool good = usual(b.sigma_azimuth_rad) && b.heading_sigma_rad >= 0.0 && b.heading_sigma_rad <= kMaxSigmaRad &&
+              (!space || usual(b.sigma_elevation_rad));
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j) good = good && C(i, j) * C(i, j) <= C(i, i) * C(j, j) * (1.0 + 1e-9) && C(i, i) >= 0.0;
   }
