@@ -20,8 +20,13 @@ using namespace detail;
 
 namespace {
 
-constexpr double kParallelProbability = 0.01;  // of calling bearings to a far source crossing
-constexpr double kMostOutliers = 0.2;          // share of the bearings that a position may leave unexplained
+constexpr double kParallelProbability = 0.01;  // of each of two tests, of calling bearings to a far source crossing
+constexpr double kParallelDeviations = 2.326;  // the same of a normal number
+constexpr double kFlip = 2.0 * kPi / 3.0;      // turn between two bearings that only a source on the way explains
+constexpr double kStepAside = 0.05;    // of that distance: where a search for it begins, beside the singular line
+constexpr double kOnTheWay = 0.1;      // of that distance: nearer to the line it is on the way
+constexpr double kFlipPlaces = 2.0;    // of the distance between the two places: as far as that source may be
+constexpr double kMostOutliers = 0.2;  // share of the bearings that a position may leave unexplained
 
 bool keeps_bearings(SourceMethod m) noexcept {
   return m != SourceMethod::kExtendedKalman && m != SourceMethod::kEkfBank && m != SourceMethod::kParticle;
@@ -45,6 +50,111 @@ struct Heading {
     elevation += v * k.b.elevation;
     elevation_weight += v;
   }
+};
+
+// Whether one far place explains the bearings: their angles about the first one, regressed on 1 / range. O(1) each.
+struct Sight {
+  // Weighted sums of one angle e and of its slope t against 1 / range.
+  struct Sums {
+    double w = 0.0, t = 0.0, e = 0.0, tt = 0.0, te = 0.0, ee = 0.0;
+    void add(double weight, double slope, double angle) noexcept {
+      w += weight;
+      t += weight * slope;
+      e += weight * angle;
+      tt += weight * slope * slope;
+      te += weight * slope * angle;
+      ee += weight * angle * angle;
+    }
+  };
+  std::size_t count = 0;
+  Kept first;
+  Sums azimuth, elevation;
+
+  void add(const Kept& k, bool space) noexcept {
+    if (count++ == 0) first = k;
+    const double dx = k.b.x - first.b.x;
+    const double dy = k.b.y - first.b.y;
+    const double c = first.b.cos_azimuth;
+    const double s = first.b.sin_azimuth;
+    const double turn = wrap_to_pi(k.azimuth - first.azimuth);
+    if (!space) return azimuth.add(1.0 / k.b.variance_azimuth, s * dx - c * dy, turn);
+    const double level = std::max(std::cos(first.b.elevation), 1e-3);
+    const double rise = std::sin(first.b.elevation);
+    azimuth.add(1.0 / k.b.variance_azimuth, (s * dx - c * dy) / level, turn);
+    const double slope = rise * (c * dx + s * dy) - level * (k.b.z - first.b.z);
+    elevation.add(1.0 / k.b.variance_elevation, slope, k.b.elevation - first.b.elevation);
+  }
+
+  // Of one direction.
+  [[nodiscard]] double chi_square(bool space) const noexcept {
+    const double up = space ? elevation.ee - elevation.e * elevation.e / elevation.w : 0.0;
+    return azimuth.ee - azimuth.e * azimuth.e / azimuth.w + up;
+  }
+
+  // Neither do the angles scatter more than they should, nor do they turn as towards a near place.
+  [[nodiscard]] bool parallel(bool space) const noexcept {
+    if (count < 2) return true;
+    const double chi = chi_square(space);
+    double information = azimuth.tt - azimuth.t * azimuth.t / azimuth.w;
+    double score = azimuth.te - azimuth.t * azimuth.e / azimuth.w;
+    double dof = static_cast<double>(count) - 1.0;
+    if (space) {
+      information += elevation.tt - elevation.t * elevation.t / elevation.w;
+      score += elevation.te - elevation.t * elevation.e / elevation.w;
+      dof *= 2.0;
+    }
+    if (information > 0.0 && score > kParallelDeviations * std::sqrt(information)) return false;
+    return chi < chi_square_upper_quantile(kParallelProbability, dof);
+  }
+};
+
+// Places where the direction turned round and stayed so: the platform drove over the source.
+struct Flips {
+  static constexpr std::size_t kSide = 3;  // bearings on either side that agree
+  static constexpr std::size_t kMost = 3;
+  struct Place {
+    std::array<double, 2> at{};
+    std::array<double, 2> across{};  // a step from the line between the two places, on which the cost is singular
+    double apart_m = 0.0;
+    double before = 0.0;  // azimuth
+  };
+  struct Seen {
+    double x = 0.0, y = 0.0, azimuth = 0.0, variance = 0.0;
+  };
+  std::array<Seen, 2 * kSide> last{};
+  std::size_t count = 0;  // bearings
+  std::array<Place, kMost> places{};
+  std::size_t found = 0;
+
+  void add(const Kept& k) noexcept {
+    std::move(last.begin() + 1, last.end(), last.begin());
+    last.back() = {k.b.x, k.b.y, k.azimuth, k.b.variance_azimuth};
+    if (++count < last.size()) return;
+    const Seen& a = last[kSide - 1];
+    const Seen& b = last[kSide];
+    const auto turn = [](const Seen& one, const Seen& two) { return std::abs(wrap_to_pi(two.azimuth - one.azimuth)); };
+    const double round = turn(a, b);
+    if (round < kFlip) return;
+    const double noise = 4.0 * std::sqrt(a.variance + b.variance);
+    if (round < kFlip + noise) return;
+    for (std::size_t i = 0; i + 1 < kSide; ++i) {
+      if (turn(last[i], a) > 0.25 * kFlip + noise || turn(b, last[kSide + 1 + i]) > 0.25 * kFlip + noise) return;
+    }
+    if (found > 0) {  // turned back farther on: some bearings from elsewhere, and no source here
+      const Place& one = places[(found - 1) % kMost];
+      const double way = std::hypot(one.at[0] - b.x, one.at[1] - b.y);
+      if (std::abs(wrap_to_pi(b.azimuth - one.before)) < 0.5 * kFlip && way > kFlipPlaces * one.apart_m) {
+        --found;
+        return;
+      }
+    }
+    Place& to = places[found++ % kMost];
+    to.before = a.azimuth;
+    to.at = {0.5 * (a.x + b.x), 0.5 * (a.y + b.y)};
+    to.across = {kStepAside * (a.y - b.y), kStepAside * (b.x - a.x)};
+    to.apart_m = std::hypot(a.x - b.x, a.y - b.y);
+  }
+  [[nodiscard]] std::size_t size() const noexcept { return std::min(found, kMost); }
 };
 
 }  // namespace
@@ -74,6 +184,8 @@ struct SourceLocator::Impl {
   std::array<double, 3> first_place{};
   double reach_m = 0.0;  // largest distance of the platform from where it began
   Heading heading;
+  Sight sight;
+  Flips flips;
   TripleSum triples;
   std::size_t seen = 0;  // bearings since the start, for the triangles' spacing
   bool started = false;
@@ -107,6 +219,8 @@ struct SourceLocator::Impl {
     diverged = started = false;
     reach_m = grid_radius_m = 0.0;
     heading = {};
+    sight = {};
+    flips = {};
     triples = {};
     recent = {};
     bank.clear();
@@ -139,6 +253,8 @@ struct SourceLocator::Impl {
     if (used == 0) first_place = {k.b.x, k.b.y, k.b.z};
     reach_m = std::max(reach_m, std::hypot(k.b.x - first_place[0], k.b.y - first_place[1], k.b.z - first_place[2]));
     heading.add(k);
+    sight.add(k, layout.dimensions == 3);
+    flips.add(k);
     newest = k;
     ++used;
     return why;
@@ -150,6 +266,8 @@ struct SourceLocator::Impl {
       std::copy(from, kept.end(), kept.begin());
       kept.resize(kept.size() - static_cast<std::size_t>(from - kept.begin()));
       if (grid) grid->clear();
+      sight = {};
+      for (const Kept& old : kept) sight.add(old, layout.dimensions == 3);
     }
     kept.push_back(k);
     ++seen;
@@ -213,17 +331,8 @@ struct SourceLocator::Impl {
     return reach_m <= 1e-9 * (1.0 + std::abs(first_place[0]) + std::abs(first_place[1]));
   }
 
-  // The kept bearings point to one far place: no range.
-  [[nodiscard]] bool parallel() const noexcept {
-    if (unmoved()) return true;
-    const double mean = std::atan2(heading.s, heading.c);
-    double chi = 0.0;
-    for (const Kept& k : kept) {
-      const double e = wrap_to_pi(k.azimuth - mean);
-      chi += e * e / k.b.variance_azimuth;
-    }
-    return chi < chi_square_upper_quantile(kParallelProbability, static_cast<double>(kept.size()) - 1.0);
-  }
+  // The bearings point to one far place: no range.
+  [[nodiscard]] bool parallel() const noexcept { return unmoved() || sight.parallel(layout.dimensions == 3); }
 
   [[nodiscard]] Problem problem(double outlier) const noexcept {
     return {layout, kept, newest.t_s, outlier, options.heading_bias_sigma_rad, options.max_iterations};
@@ -257,7 +366,7 @@ struct SourceLocator::Impl {
 
   Solution solve_likelihood() noexcept {
     const double outlier = options.method == SourceMethod::kMaximumLikelihood ? options.outlier_probability : 0.0;
-    std::array<Vector, 8> starts{};
+    std::array<Vector, 5 + 2 * Flips::kMost> starts{};
     std::size_t count = 0;
     if (options.start_m) {
       Vector at{};
@@ -277,6 +386,13 @@ struct SourceLocator::Impl {
     grid->fill(kept, centre[0], centre[1], grid_radius_m, options.outlier_probability);
     const std::size_t found = grid->peaks(kept, options.outlier_probability, peaks);
     for (std::size_t i = 0; i < found; ++i) starts[count++] = lifted(peaks[i][0], peaks[i][1]);
+    // Where the platform drove over the source no crossing and no cell of the grid is near enough.
+    for (std::size_t i = 0; i < (layout.moving ? 0 : flips.size()); ++i) {
+      const Flips::Place& f = flips.places[i];
+      for (const double side : {-1.0, 1.0}) {
+        starts[count++] = lifted(f.at[0] + side * f.across[0], f.at[1] + side * f.across[1]);
+      }
+    }
     Solution best;
     const Problem goal = problem(outlier);
     for (std::size_t i = 0; i < count; ++i) consider(goal, starts[i], best);
@@ -319,6 +435,72 @@ struct SourceLocator::Impl {
                       std::sin(elevation)};
     line.sigma_rad = 1.0 / std::sqrt(heading.weight);
     fix.line = line;
+  }
+
+  // Where the direction turned round on the way the source is between two places of the platform, and a linearised
+  // covariance means little. True when that settles the status.
+  bool judge_flips(SourceFix& fix) const noexcept {
+    if (layout.moving || flips.found == 0 || !fix.position_m.allFinite()) return false;
+    bool there = false;
+    for (std::size_t i = 0; i < flips.size(); ++i) {
+      const Flips::Place& f = flips.places[i];
+      const double dx = fix.position_m[0] - f.at[0];
+      const double dy = fix.position_m[1] - f.at[1];
+      if (std::hypot(dx, dy) > kFlipPlaces * f.apart_m) continue;
+      there = true;
+      if (std::abs(dx * f.across[0] + dy * f.across[1]) < kOnTheWay * kStepAside * f.apart_m * f.apart_m) {
+        fix.status = SourceStatus::kOnPlatform;
+        return true;
+      }
+    }
+    // The likelihood and least squares began there as well, and found something better.
+    const bool searched =
+        options.method == SourceMethod::kMaximumLikelihood || options.method == SourceMethod::kLeastSquares;
+    if (there || searched) return false;
+    fix.status = SourceStatus::kInconsistent;
+    return true;
+  }
+
+  // A mean of crossings, or the unweighted lines, that explain the bearings worse than one direction does: their bias.
+  void judge_biased(SourceFix& fix) const noexcept {
+    const Vector x{fix.position_m[0], fix.position_m[1], fix.position_m[2]};
+    const Layout rest{layout.dimensions, false, false};
+    double chi = 0.0;
+    Angles angles;
+    for (const Kept& k : kept) {
+      if (!predict(rest, x, 0.0, k, angles)) continue;
+      for (std::size_t r = 0; r + 1 < layout.dimensions; ++r) {
+        chi += angles.residual[r] * angles.residual[r] / angles.variance[r];
+      }
+    }
+    judge_biased(fix, chi);
+  }
+  void judge_biased(SourceFix& fix, double chi) const noexcept {
+    if (chi < sight.chi_square(layout.dimensions == 3)) return judge(fix);
+    fix.status = SourceStatus::kUnobservable;
+    draw_line(fix);
+  }
+
+  // A bank and particles that began along a bearing believe in a range up to `max_range_m`: a far source piles up
+  // there.
+  [[nodiscard]] bool leans_on_prior(const SourceFix& fix) const noexcept {
+    const bool cloudy = options.method == SourceMethod::kParticle;
+    if ((!cloudy && options.method != SourceMethod::kEkfBank) || (cloudy && options.start_m)) return false;
+    const Eigen::Vector3d from = fix.position_m - Eigen::Vector3d(first_place[0], first_place[1], first_place[2]);
+    const double range = from.norm();
+    if (!(range > 0.0)) return false;
+    const Eigen::Vector3d u = from / range;
+    const double sigma = std::sqrt(std::max(u.dot(fix.covariance_m2 * u), 0.0));
+    // Members of a bank are free to leave the range they began at: a small sigma is the bearings' word.
+    return range + 2.0 * sigma >= options.max_range_m && (cloudy || sigma > 0.1 * range);
+  }
+
+  // Of the filters: what they cannot know of themselves, then `judge`.
+  void judge_filter(SourceFix& fix) const noexcept {
+    if (judge_flips(fix)) return;
+    if (!fix.position_m.allFinite() || !(parallel() || leans_on_prior(fix))) return judge(fix);
+    fix.status = SourceStatus::kUnobservable;
+    draw_line(fix);
   }
 
   // Range known to half of it, and the platform's places two sigma away.
@@ -391,7 +573,13 @@ struct SourceLocator::Impl {
                                                                   static_cast<double>(fix.degrees_of_freedom));
       if (many || large) fix.status = SourceStatus::kInconsistent;
     }
-    if (fix.status == SourceStatus::kConverged) judge(fix);
+    const bool ended = fix.status == SourceStatus::kConverged || fix.status == SourceStatus::kNotConverged;
+    if ((ended && judge_flips(fix)) || fix.status != SourceStatus::kConverged) return;
+    if (options.method == SourceMethod::kLinear) {
+      judge_biased(fix, s.chi_square);
+    } else {
+      judge(fix);
+    }
   }
 
   void solve_triples(SourceFix& fix) noexcept {
@@ -426,7 +614,7 @@ struct SourceLocator::Impl {
     }
     write_state(layout, mean, P, fix);
     fix.status = SourceStatus::kConverged;
-    judge(fix);
+    if (!judge_flips(fix)) judge_biased(fix);
   }
 
   SourceFix solve_all() noexcept {
@@ -446,7 +634,7 @@ struct SourceLocator::Impl {
                                                      0.5 * fix.chi_square) < options.false_alarm_probability) {
           fix.status = SourceStatus::kInconsistent;
         }
-        if (fix.status == SourceStatus::kConverged) judge(fix);
+        if (fix.status == SourceStatus::kConverged) judge_filter(fix);
         return fix;
       case SourceMethod::kEkfBank: {
         Gaussian merged;
@@ -460,7 +648,7 @@ struct SourceLocator::Impl {
         }
         write_state(layout, merged.x, merged.P, fix);
         fix.status = SourceStatus::kConverged;
-        judge(fix);
+        judge_filter(fix);
         return fix;
       }
       case SourceMethod::kParticle: {
@@ -475,7 +663,7 @@ struct SourceLocator::Impl {
         cloud->moments(mean, P);
         write_state(layout, mean, P, fix);
         fix.status = SourceStatus::kConverged;
-        judge(fix);
+        judge_filter(fix);
         return fix;
       }
       default:

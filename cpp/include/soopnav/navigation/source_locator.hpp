@@ -36,7 +36,7 @@ enum class SourceMotion : std::uint8_t { kStatic, kConstantVelocity };
 enum class BearingUse : std::uint8_t {
   kUsed,
   kNotFinite,   ///< a number of it is NaN or infinite
-  kBadSigma,    ///< a standard deviation is not positive, or a variance is negative
+  kBadSigma,    ///< a standard deviation is not positive or above 1000 rad, or a variance is negative
   kOutOfOrder,  ///< earlier than the one before (filters and moving sources only)
   kWaiting,     ///< the bank starts at the first bearing that is good enough; this came before
   kUndefined,   ///< every estimate lies on the platform, from where there is no direction to it
@@ -46,7 +46,7 @@ enum class BearingUse : std::uint8_t {
 enum class SourceStatus : std::uint8_t {
   kConverged,
   kTooFewBearings,  ///< no position yet
-  kUnobservable,    ///< parallel bearings, or all from one place: see `line`; a position only where a start gave one
+  kUnobservable,    ///< parallel bearings, or all from one place: see `line`; a position is the start's or the prior's
   kInconsistent,    ///< no position explains the bearings: chi-square, or too many outliers
   kOnPlatform,      ///< the estimate is not told from a place where the platform was
   kNotConverged,    ///< no minimum found; `position_m` is the best point seen
@@ -125,7 +125,7 @@ struct SourceFix {
   Eigen::Matrix3d velocity_covariance = Eigen::Matrix3d::Constant(kNan);  ///< [m²/s²]
   double heading_bias_rad = kNan;
   double heading_bias_sigma_rad = kNan;
-  double cep_m = kNan;         ///< radius that holds the horizontal error with probability one half
+  double cep_m = kNan;  ///< radius that holds the horizontal error with probability one half
   /// Of the residuals of bearings that are no outliers (methods that keep the bearings); of the last twelve innovations
   /// (EKF).
   double chi_square = kNan;
