@@ -21,8 +21,10 @@ struct BiasPieces {
   std::size_t count = 1;
   double piece = 0.0;
 };
-BiasPieces bias_pieces(double sigma_rad) noexcept {
-  if (!(sigma_rad > kBiasPiece)) return {1, sigma_rad};
+BiasPieces bias_pieces(const SourceOptions& options) noexcept {
+  const double sigma_rad = options.heading_bias_sigma_rad;
+  // A search that begins at the bank's answer corrects it.
+  if (!(sigma_rad > kBiasPiece) || options.method != SourceMethod::kEkfBank) return {1, sigma_rad};
   const double wanted = std::ceil(kBiasSpan * sigma_rad / (2.0 * kBiasPiece));
   const std::size_t half = std::min(static_cast<std::size_t>(std::min(wanted, 1e3)), (kMostPieces - 1) / 2);
   return {2 * half + 1, kBiasSpan * sigma_rad / (2.0 * static_cast<double>(half))};
@@ -82,8 +84,7 @@ EkfBank::EkfBank(const SourceOptions& options, const Layout& layout) : options_(
                                          options.method == SourceMethod::kLeastSquares));
   if (needed) {
     members_.resize(static_cast<std::size_t>(options.filters) *
-                    static_cast<std::size_t>(std::max(options.bank_azimuths, 1)) *
-                    bias_pieces(layout.biased ? options.heading_bias_sigma_rad : 0.0).count);
+                    static_cast<std::size_t>(std::max(options.bank_azimuths, 1)) * bias_pieces(options).count);
   }
 }
 
@@ -102,8 +103,8 @@ void EkfBank::start(const Kept& kept) noexcept {
   // Neighbours meet at one sigma.
   const double spread = (ratio - 1.0) / (ratio + 1.0);
   double range = options_.min_range_m;
-  const double sigma_bias = layout_.biased ? options_.heading_bias_sigma_rad : 0.0;
-  const BiasPieces biases = bias_pieces(sigma_bias);
+  const double sigma_bias = options_.heading_bias_sigma_rad;
+  const BiasPieces biases = bias_pieces(options_);
   SourceOptions piece = options_;
   piece.heading_bias_sigma_rad = biases.piece;
   // The pieces' centres vary by what their own width leaves of the prior.
