@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp._core import estimation as _estimation
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import (
     BearingUse,
     SourceFix,
     SourceLine,
     SourceMethod,
-    SourceMotion,
     SourceStatus,
-    SourceTrack,
-    TrackState,
 )
+from soopnav_cpp._source_inputs import MOTIONS, floats, named, observed
 
 __all__ = [
     "BearingUse",
@@ -31,13 +28,7 @@ __all__ = [
     "SourceMethod",
     "SourceRun",
     "SourceStatus",
-    "SourceTrack",
-    "SourceTracks",
-    "TrackState",
-    "cep",
-    "likelihood_surface",
     "locate_source",
-    "source_crlb",
 ]
 
 _Array = npt.NDArray[np.float64]
@@ -52,102 +43,8 @@ _METHODS = {
     "ekf_bank": SourceMethod.EKF_BANK,
     "particle": SourceMethod.PARTICLE,
 }
-_MOTIONS = {"static": SourceMotion.STATIC, "constant_velocity": SourceMotion.CONSTANT_VELOCITY}
 _STATUSES = {int(status.value): status for status in SourceStatus}
 _USES = {int(use.value): use for use in BearingUse}
-
-
-def _named(name: str, value: str, table: dict[str, Any]) -> Any:
-    if value not in table:
-        raise ValueError(f"{name} = {value!r}: one of {', '.join(map(repr, table))} expected")
-    return table[value]
-
-
-@dataclass(frozen=True)
-class _Observed:
-    """Arguments in the shapes that the engine takes."""
-
-    times_s: _Array  # (n,)
-    positions: _Array  # (n, d)
-    bearings: _Array  # (..., n, d - 1)
-    sigmas: _Array  # (..., n, d - 1)
-    position_covariance: _Array  # (n, d, d), or empty
-    heading_sigma_rad: _Array  # (n,)
-
-    @property
-    def arguments(self) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array]:
-        return (
-            self.times_s,
-            self.positions,
-            self.bearings,
-            self.sigmas,
-            self.position_covariance,
-            self.heading_sigma_rad,
-        )
-
-
-def _floats(name: str, value: npt.ArrayLike) -> _Array:
-    if np.iscomplexobj(value):
-        raise ValueError(f"{name}: real numbers expected, got complex ones")
-    try:
-        return np.asarray(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: numbers expected ({error})") from None
-
-
-def _observed(
-    positions: npt.ArrayLike,
-    bearings: npt.ArrayLike | None,
-    sigmas: npt.ArrayLike,
-    *,
-    times: npt.ArrayLike | None = None,
-    position_covariance: npt.ArrayLike | None = None,
-    heading_sigma_rad: npt.ArrayLike = 0.0,
-    dimensions: int | None = None,
-    runs: int | None = None,
-) -> _Observed:
-    """Broadcasts and checks shapes; `runs`: bearings carry a first axis of so many runs."""
-    p = _floats("positions", positions)
-    if p.ndim != 2 or p.shape[1] not in (2, 3):
-        raise ValueError(f"positions: expected shape (n, 2) or (n, 3), got {p.shape}")
-    n = p.shape[0]
-    lead = () if runs is None else (runs,)
-    z = np.zeros((n, (dimensions or p.shape[1]) - 1)) if bearings is None else _floats("bearings", bearings)
-    if z.shape == (*lead, n):
-        z = z[..., None]
-    if z.shape[:-1] != (*lead, n) or z.shape[-1] not in (1, 2):
-        shape = ", ".join(map(str, (*lead, n)))
-        raise ValueError(f"bearings: expected shape ({shape},) or ({shape}, 2), got {z.shape}")
-    d = z.shape[-1] + 1
-    if dimensions is not None and dimensions != d:
-        what = "azimuths" if dimensions == 2 else "azimuth and elevation"
-        raise ValueError(f"bearings: {what} expected in {dimensions} dimensions, got shape {z.shape}")
-    if p.shape[1] < d:
-        raise ValueError(f"positions: azimuth and elevation need three coordinates, got shape {p.shape}")
-    p = np.ascontiguousarray(p[:, :d])
-    s = _floats("sigmas", sigmas)
-    if s.ndim and (s.shape[-1] != d - 1 or s.shape == (n,)):
-        s = s[..., None]
-    try:
-        s = np.ascontiguousarray(np.broadcast_to(s, z.shape))
-    except ValueError:
-        raise ValueError(f"sigmas: shape {np.shape(sigmas)} does not fit bearings of shape {z.shape}") from None
-    t = np.arange(n, dtype=np.float64) if times is None else _floats("times", times)
-    if t.shape != (n,):
-        raise ValueError(f"times: expected shape ({n},), got {t.shape}")
-    if position_covariance is None:
-        c = np.empty((0, d, d))
-    else:
-        c = _floats("position_covariance", position_covariance)
-        if c.shape[-2:] in ((2, 2), (3, 3)) and c.shape[-1] > d:
-            c = c[..., :d, :d]
-        if c.shape not in ((d, d), (n, d, d)):
-            raise ValueError(f"position_covariance: expected shape ({d}, {d}) or ({n}, {d}, {d}), got {c.shape}")
-        c = np.ascontiguousarray(np.broadcast_to(c, (n, d, d)))
-    h = _floats("heading_sigma_rad", heading_sigma_rad)
-    if h.shape not in ((), (n,)):
-        raise ValueError(f"heading_sigma_rad: expected a number or shape ({n},), got {h.shape}")
-    return _Observed(t, p, z, s, c, np.ascontiguousarray(np.broadcast_to(h, (n,))))
 
 
 @dataclass(frozen=True)
@@ -298,12 +195,12 @@ class SourceLocator:
         self.motion = motion
         try:
             self._core = _navigation.SourceLocator(
-                _named("method", method, _METHODS), dimensions, _named("motion", motion, _MOTIONS), start_m, **options
+                named("method", method, _METHODS), dimensions, named("motion", motion, MOTIONS), start_m, **options
             )
         except (RuntimeError, TypeError):
             raise ValueError(f"options: a number of the wrong kind among {options}") from None
         self._seed = int(options.get("seed", 0))
-        self._start = None if start_m is None else _floats("start_m", start_m)
+        self._start = None if start_m is None else floats("start_m", start_m)
         self._steps = 0
 
     def step(
@@ -334,12 +231,12 @@ class SourceLocator:
         -------
         SourceFix
         """
-        z = _floats("bearing", bearing).reshape(1, -1)
-        s = _floats("sigma", sigma).reshape(-1)
+        z = floats("bearing", bearing).reshape(1, -1)
+        s = floats("sigma", sigma).reshape(-1)
         if not s.size:
             raise ValueError("sigma: a number expected, got none")
-        seen = _observed(
-            _floats("position", position).reshape(1, -1),
+        seen = observed(
+            floats("position", position).reshape(1, -1),
             z,
             s if s.size > 1 else s[0],
             times=[t_s],
@@ -376,7 +273,7 @@ class SourceLocator:
         -------
         SourceRun
         """
-        seen = _observed(
+        seen = observed(
             positions,
             bearings,
             sigmas,
@@ -421,7 +318,7 @@ class SourceLocator:
             Arrays with axes (runs, epochs, ...).
         """
         runs = len(np.asarray(bearings))
-        seen = _observed(
+        seen = observed(
             positions,
             bearings,
             sigmas,
@@ -436,7 +333,7 @@ class SourceLocator:
         if any(not 0 <= k < n for k in chosen) or any(b <= a for a, b in itertools.pairwise(chosen)):
             raise ValueError(f"epochs: ascending indices below {n} expected, got {list(chosen)}")
         own = np.empty((0, self.dimensions)) if self._start is None else np.tile(self._start, (runs, 1))
-        starts = own if starts_m is None else _floats("starts_m", starts_m)
+        starts = own if starts_m is None else floats("starts_m", starts_m)
         if starts_m is not None and starts.shape != (runs, self.dimensions):
             raise ValueError(f"starts_m: expected shape ({runs}, {self.dimensions}), got {starts.shape}")
         drawn = [self._seed + run for run in range(runs)] if seeds is None else [int(seed) for seed in seeds]
@@ -448,7 +345,7 @@ class SourceLocator:
 
     def reset(self, start_m: npt.ArrayLike | None = None, *, seed: int | None = None) -> None:
         """As new, from another start; without one from the bearings."""
-        start = None if start_m is None else _floats("start_m", start_m)
+        start = None if start_m is None else floats("start_m", start_m)
         if start is not None and start.shape != (self.dimensions,):
             raise ValueError(f"start_m: expected shape ({self.dimensions},), got {start.shape}")
         if start is not None and not np.isfinite(start).all():
@@ -533,7 +430,7 @@ def locate_source(
         For shapes that do not fit and options out of range. Bearings that are not finite or have no positive sigma are
         left out; too few, parallel or contradictory ones give a ``status``.
     """
-    seen = _observed(
+    seen = observed(
         positions,
         bearings,
         sigmas,
@@ -560,248 +457,3 @@ def locate_source(
     fix = locator._core.step(*seen.arguments, True)
     assert fix is not None
     return fix
-
-
-def source_crlb(
-    positions: npt.ArrayLike,
-    emitter: npt.ArrayLike,
-    sigmas: npt.ArrayLike,
-    *,
-    times: npt.ArrayLike | None = None,
-    motion: str = "static",
-    velocity: npt.ArrayLike | None = None,
-    acceleration_psd: float = 0.0,
-    heading_bias_sigma_rad: float = 0.0,
-    start_sigma_m: float = 0.0,
-    start_speed_sigma_mps: float = 0.0,
-    position_covariance: npt.ArrayLike | None = None,
-    heading_sigma_rad: npt.ArrayLike = 0.0,
-) -> _Array:
-    """Least covariance of any unbiased estimate of a source after each bearing (Cramér-Rao, posterior when it moves).
-
-    Parameters
-    ----------
-    positions : array_like, shape (n, 2) or (n, 3)
-    emitter : array_like, shape (d,)
-        True position at the first bearing; two numbers: azimuths, three: azimuths and elevations.
-    sigmas : float or array_like, shape (n,) or (n, d - 1)
-    times : array_like, shape (n,), optional
-    motion : {"static", "constant_velocity"}
-    velocity : array_like, shape (d,), optional
-        True velocity of a moving source at the start.
-    acceleration_psd : float
-        White acceleration of a moving source in m²/s³.
-    heading_bias_sigma_rad : float
-        Of an unknown constant in all azimuths; 0: there is none.
-    start_sigma_m, start_speed_sigma_mps : float
-        Prior knowledge; 0: none.
-
-    Returns
-    -------
-    ndarray, shape (n, d, d), or (n, 2 d, 2 d) with the velocity
-        Infinite on the diagonal where nothing is determined yet. Bearings that a locator leaves out (a sigma or a
-        platform's variance that is not right) tell nothing.
-    """
-    at = _floats("emitter", emitter)
-    if at.shape not in ((2,), (3,)):
-        raise ValueError(f"emitter: expected shape (2,) or (3,), got {at.shape}")
-    seen = _observed(
-        positions,
-        None,
-        sigmas,
-        times=times,
-        position_covariance=position_covariance,
-        heading_sigma_rad=heading_sigma_rad,
-        dimensions=at.size,
-    )
-    moving = _named("motion", motion, _MOTIONS) is SourceMotion.CONSTANT_VELOCITY
-    return _navigation.source_crlb(
-        seen.times_s,
-        seen.positions,
-        seen.sigmas,
-        seen.position_covariance,
-        seen.heading_sigma_rad,
-        at,
-        np.zeros(at.size) if velocity is None else _floats("velocity", velocity),
-        moving,
-        acceleration_psd,
-        heading_bias_sigma_rad,
-        start_sigma_m,
-        start_speed_sigma_mps,
-    )
-
-
-def likelihood_surface(
-    positions: npt.ArrayLike,
-    bearings: npt.ArrayLike,
-    sigmas: npt.ArrayLike,
-    x: tuple[float, float],
-    y: tuple[float, float],
-    *,
-    shape: tuple[int, int] = (200, 200),
-    outlier_probability: float = 0.02,
-    position_covariance: npt.ArrayLike | None = None,
-    heading_sigma_rad: npt.ArrayLike = 0.0,
-) -> tuple[_Array, _Array, _Array]:
-    """Log-likelihood of a source at each point of a grid, from azimuths (carter 5.14, fig. 5.24).
-
-    Parameters
-    ----------
-    positions : array_like, shape (n, 2)
-    bearings : array_like, shape (n,)
-    sigmas : float or array_like, shape (n,)
-    x, y : tuple of two floats
-        First and last column and row in metres.
-    shape : tuple of two ints
-        Rows (along y) and columns (along x).
-    outlier_probability : float
-        Of a bearing from anywhere, in [0, 1).
-
-    Returns
-    -------
-    x_m : ndarray, shape (columns,)
-    y_m : ndarray, shape (rows,)
-    log_likelihood : ndarray, shape (rows, columns)
-        Bearings that are not finite or have no positive sigma are left out.
-    """
-    seen = _observed(
-        positions,
-        bearings,
-        sigmas,
-        position_covariance=position_covariance,
-        heading_sigma_rad=heading_sigma_rad,
-        dimensions=2,
-    )
-    rows, columns = shape
-    if not (isinstance(rows, (int, np.integer)) and isinstance(columns, (int, np.integer)) and min(shape) >= 2):
-        raise ValueError(f"shape = {tuple(shape)}: two whole numbers, each at least 2, expected")
-    surface = _navigation.likelihood_surface(
-        *seen.arguments, (float(x[0]), float(x[1])), (float(y[0]), float(y[1])), columns, rows, outlier_probability
-    )
-    return np.linspace(*x, columns), np.linspace(*y, rows), surface
-
-
-def cep(covariance_m2: npt.ArrayLike, probability: float = 0.5) -> float:
-    """Radius of the circle that holds a centred normal error with `probability`, exactly.
-
-    Parameters
-    ----------
-    covariance_m2 : array_like, shape (2, 2) or larger
-        The first two coordinates are read.
-    probability : float
-        In (0, 1).
-
-    Returns
-    -------
-    float
-        In metres.
-    """
-    covariance = _floats("covariance_m2", covariance_m2)
-    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1] or covariance.shape[0] < 2:
-        raise ValueError(f"covariance_m2: expected shape (2, 2), got {covariance.shape}")
-    return _estimation.circular_error_m(np.ascontiguousarray(covariance[:2, :2]), probability=probability)
-
-
-class SourceTracks:
-    """Several sources at once: the bearings of each epoch are shared out among banks of filters.
-
-    Association is by global nearest neighbour, with a gate and false bearings; free bearings start tentative tracks,
-    hits confirm them, misses end them.
-
-    Parameters
-    ----------
-    dimensions : {2, 3}
-    motion : {"static", "constant_velocity"}
-    gate_probability : float
-        Of leaving out a source's own bearing.
-    clutter_density_per_rad : float
-        False bearings in an epoch, per radian (in three dimensions per square radian).
-    confirm_hits, confirm_epochs : int
-        Bearings that confirm a track, and the epochs it has for them.
-    drop_misses : int
-        Epochs in a row without a bearing that end a confirmed track.
-    **options
-        Of the banks, see `SourceLocator`.
-    """
-
-    def __init__(
-        self,
-        *,
-        dimensions: int = 2,
-        motion: str = "static",
-        gate_probability: float = 1e-4,
-        clutter_density_per_rad: float = 0.01,
-        confirm_hits: int = 5,
-        confirm_epochs: int = 8,
-        drop_misses: int = 30,
-        **options: float,
-    ) -> None:
-        unknown = sorted(set(options) - SourceLocator._OPTIONS)
-        if unknown:
-            raise ValueError(f"{unknown[0]}: no such option; known are {', '.join(sorted(SourceLocator._OPTIONS))}")
-        self.dimensions = dimensions
-        self.tracks: list[SourceTrack] = []
-        kind = _named("motion", motion, _MOTIONS)
-        try:
-            self._core = _navigation.SourceTracks(
-                dimensions,
-                kind,
-                gate_probability,
-                clutter_density_per_rad,
-                confirm_hits,
-                confirm_epochs,
-                drop_misses,
-                **options,
-            )
-        except (RuntimeError, TypeError):
-            counts = {"confirm_hits": confirm_hits, "confirm_epochs": confirm_epochs, "drop_misses": drop_misses}
-            raise ValueError(f"options: a number of the wrong kind among {options | counts}") from None
-
-    def step(
-        self,
-        t_s: float,
-        position: npt.ArrayLike,
-        bearings: npt.ArrayLike,
-        sigmas: npt.ArrayLike,
-        *,
-        position_covariance: npt.ArrayLike | None = None,
-        heading_sigma_rad: float = 0.0,
-    ) -> list[SourceTrack]:
-        """One epoch.
-
-        Parameters
-        ----------
-        t_s : float
-        position : array_like, shape (d,)
-        bearings : array_like, shape (k,) or (k, 2)
-            Of all sources heard; may be none.
-        sigmas : float or array_like, shape (k,) or (k, 2)
-
-        Returns
-        -------
-        list of SourceTrack
-            Oldest first; also `tracks`.
-        """
-        z = _floats("bearings", bearings)
-        k = len(z) if z.ndim else 1
-        z = z.reshape(k, self.dimensions - 1) if z.size else np.empty((0, self.dimensions - 1))
-        at = _floats("position", position).reshape(1, -1)
-        seen = _observed(
-            np.repeat(at, len(z), axis=0),
-            z,
-            sigmas if len(z) else 1.0,
-            times=np.full(len(z), t_s),
-            position_covariance=position_covariance,
-            heading_sigma_rad=heading_sigma_rad,
-            dimensions=self.dimensions,
-        )
-        self.tracks = self._core.step(*seen.arguments)
-        return self.tracks
-
-    def __iter__(self) -> Iterator[SourceTrack]:
-        return iter(self.tracks)
-
-    @property
-    def confirmed(self) -> list[SourceTrack]:
-        """The tracks that are confirmed."""
-        return [track for track in self.tracks if track.state is TrackState.CONFIRMED]

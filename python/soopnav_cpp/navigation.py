@@ -22,14 +22,10 @@ from soopnav_cpp._source import (
     SourceMethod,
     SourceRun,
     SourceStatus,
-    SourceTrack,
-    SourceTracks,
-    TrackState,
-    cep,
-    likelihood_surface,
     locate_source,
-    source_crlb,
 )
+from soopnav_cpp._source_bounds import cep, likelihood_surface, source_crlb
+from soopnav_cpp._source_tracks import SourceTrack, SourceTracks, TrackState
 from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownStart, strapdown_errors
 
 __all__ = [
