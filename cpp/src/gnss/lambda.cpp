@@ -91,7 +91,7 @@ void IntegerLeastSquares::gauss(Eigen::Index i, Eigen::Index j) noexcept {
   const Eigen::Index n = d_.size();
   L_.col(j).tail(n - i) -= mu * L_.col(i).tail(n - i);
   Z_.col(j) -= mu * Z_.col(i);
-  Z_inverse_.row(i) += mu * Z_inverse_.row(j);
+  z_inverse_.row(i) += mu * z_inverse_.row(j);
 }
 
 // Exchanges z_j and z_j+1 (eq. 4).
@@ -112,14 +112,14 @@ void IntegerLeastSquares::swap(Eigen::Index j) noexcept {
   L_(j + 1, j) = lambda;
   L_.col(j).tail(n - j - 2).swap(L_.col(j + 1).tail(n - j - 2));
   Z_.col(j).swap(Z_.col(j + 1));
-  Z_inverse_.row(j).swap(Z_inverse_.row(j + 1));
+  z_inverse_.row(j).swap(z_inverse_.row(j + 1));
 }
 
 // Brings the small conditional variances to the end, where the search begins.
 void IntegerLeastSquares::reduce() noexcept {
   const Eigen::Index n = d_.size();
   Z_.setIdentity(n, n);
-  Z_inverse_.setIdentity(n, n);
+  z_inverse_.setIdentity(n, n);
   Eigen::Index clean = n - 2;  // columns above it are reduced already
   for (Eigen::Index j = n - 2; j >= 0;) {
     if (j <= clean) {
@@ -236,7 +236,7 @@ IntegerStatus IntegerLeastSquares::solve(const Eigen::Ref<const Eigen::VectorXd>
     const auto slot = static_cast<std::ptrdiff_t>(order_[static_cast<std::size_t>(k)] * kMaxAmbiguities);
     Eigen::Map<Eigen::VectorXd> z(found_.data() + slot, n);
     fraction = z;
-    for (Eigen::Index i = 0; i < n; ++i) z[i] = std::round(Z_inverse_.col(i).dot(fraction)) + whole[i];
+    for (Eigen::Index i = 0; i < n; ++i) z[i] = std::round(z_inverse_.col(i).dot(fraction)) + whole[i];
     if (!(z.cwiseAbs().maxCoeff() <= 2.0 * kLargest)) {
       count_ = 0;
       return IntegerStatus::kTooLarge;

@@ -16,7 +16,7 @@
 
 namespace soopnav::navigation {
 
-using namespace detail;
+using namespace detail;  // NOLINT(google-build-using-namespace): the parts of this very class
 
 namespace {
 

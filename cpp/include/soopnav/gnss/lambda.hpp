@@ -87,7 +87,7 @@ class IntegerLeastSquares {
   std::int64_t max_nodes_;
   std::int64_t nodes_ = 0;
   int count_ = 0;
-  Matrix L_, Z_, Z_inverse_;
+  Matrix L_, Z_, z_inverse_;
   Vector d_;
   std::vector<double> found_;       // [slot * kMaxAmbiguities + i]
   std::vector<double> norms_;       // [slot]

@@ -58,7 +58,8 @@ void SignalGenerator::render(std::uint64_t first, std::span<Cf32> out) const noe
       for (std::size_t n = start; n < end; ++n) {
         const double chip = std::floor(chip0 + chips * static_cast<double>(n - start));
         const double period = std::floor(chip / static_cast<double>(kCodeLength));
-        int sign = code[static_cast<std::size_t>(chip - period * static_cast<double>(kCodeLength))];
+        const std::int8_t chip_sign = code[static_cast<std::size_t>(chip - period * static_cast<double>(kCodeLength))];
+        int sign = chip_sign < 0 ? -1 : 1;
         if (!s.bits.empty()) {
           const auto count = static_cast<double>(s.bits.size());
           const double bit = std::floor(chip / kChipsPerBit);
