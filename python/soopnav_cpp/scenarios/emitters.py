@@ -315,12 +315,17 @@ def _options(data: BearingsData, method: str) -> dict[str, Any]:
 
 
 def _history(t_s: Array, run: Any, last: Any) -> History | None:
-    """The epochs that have a position, of bearings at one time the last: those of a run, and the fix after it."""
+    """The epochs that have a position, of bearings at one time the last: those of a run, and the fix after it.
+
+    Of a run that converges, only the epochs that did: a point that explains no bearings has no deviation to show.
+    """
     words = [*(status_word_of(status) for status in run.status), status_word(last)]
     position = np.vstack([run.position_m, last.position_m])
     covariance = np.concatenate([run.covariance_m2, np.asarray(last.covariance_m2)[None]])
-    good = np.array([word in _WITH_POSITION for word in words]) & np.isfinite(position).all(axis=1)
-    good &= np.isfinite(covariance).all(axis=(1, 2))
+    shown = _WITH_POSITION[:1] if _WITH_POSITION[0] in words else _WITH_POSITION
+    good = np.array([word in shown for word in words])
+    good[-1] = words[-1] in _WITH_POSITION
+    good &= np.isfinite(position).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.append(np.diff(t_s) > 0.0, True)
     return History(t_s[good], position[good], covariance[good]) if good.any() else None
 
