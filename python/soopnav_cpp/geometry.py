@@ -6,6 +6,8 @@ a place that has no answer (a point near the Earth's centre) gives NaN.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -171,6 +173,11 @@ def transport_rate_ned(latitude_rad: npt.ArrayLike, height_m: npt.ArrayLike, v_n
     return _geometry.transport_rate_ned(np.hstack([*rows, velocity])).reshape(*shape, 3)
 
 
+def _local_frame(latitude_rad: float, longitude_rad: float, height_m: float, axes: str) -> LocalFrame:
+    """A frame as it was pickled."""
+    return LocalFrame(latitude_rad, longitude_rad, height_m, axes=LocalAxes[axes])
+
+
 class LocalFrame:
     """A Cartesian frame fixed to the Earth in one place: the ellipsoid's tangent plane there. Immutable.
 
@@ -188,6 +195,9 @@ class LocalFrame:
         self, latitude_rad: float, longitude_rad: float, height_m: float, *, axes: LocalAxes = LocalAxes.ENU
     ) -> None:
         self._frame = _geometry.LocalFrame(latitude_rad, longitude_rad, height_m, axes=axes)
+
+    def __reduce__(self) -> tuple[Callable[..., LocalFrame], tuple[float, float, float, str]]:
+        return _local_frame, (self.latitude_rad, self.longitude_rad, self.height_m, self.axes.name)
 
     @property
     def latitude_rad(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +88,11 @@ def test_one_point_is_three_numbers() -> None:
     latitude, longitude, height = geometry.ecef_to_geodetic(p_e)
     assert (latitude, longitude) == (0.0, 0.0)
     assert height == pytest.approx(10.0, abs=2e-9)
+
+
+@pytest.mark.unit
+def test_a_local_frame_goes_to_another_process() -> None:
+    frame = geometry.LocalFrame(0.5, -1.2, 30.0, axes=geometry.LocalAxes.NED)
+    again = pickle.loads(pickle.dumps(frame))
+    assert again.axes is geometry.LocalAxes.NED
+    np.testing.assert_array_equal(again.position_to_ecef([1.0, 2.0, 3.0]), frame.position_to_ecef([1.0, 2.0, 3.0]))

@@ -146,6 +146,19 @@ def test_a_seed_names_a_run() -> None:
     assert np.abs(a.position_m[-1] - c.position_m[-1]).max() > 1e-3
 
 
+def test_processes_change_nothing() -> None:
+    scenario = short(origin={"latitude_deg": 32.6, "longitude_deg": -85.5}, runs=2)
+    alone, shared = (execute(SourceLocalization(), scenario, jobs=jobs) for jobs in (1, 2))
+    for a, b in zip(alone, shared, strict=True):
+        assert not a.error
+        assert not b.error, b.details
+        assert a.series is not None
+        assert b.series is not None
+        np.testing.assert_array_equal(a.series.error_m, b.series.error_m)
+    assert shared[0].run is not None
+    assert shared[1].run is None
+
+
 def test_positions_deserve_their_ellipses() -> None:
     """Runs of short drives: the mean NEES of the last position is inside what 12 runs of two dimensions leave."""
     values = []

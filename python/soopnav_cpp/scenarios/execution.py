@@ -100,7 +100,7 @@ def execute(
     Returns
     -------
     list of Outcome
-        The first keeps its `run`. If it fails, the next good one is run once more for the files.
+        The first good one keeps its `run`: with several processes, or where run 1 failed, it is run once more here.
     """
     if only is not None and only < 1:
         raise ValueError(f"only = {only}: the number of a run, from 1, expected")
@@ -118,7 +118,8 @@ def execute(
         step(f"run 1 of {len(numbers)}", done=0, total=len(numbers))
     with Workers(jobs) as workers:
         try:
-            calls = [(system, scenario, n, n == numbers[0]) for n in numbers]
+            # What a run holds beside its numbers need not be able to leave its process.
+            calls = [(system, scenario, n, jobs == 1 and n == numbers[0]) for n in numbers]
             for outcome in workers.map(_one, calls, chunk=1):  # runs take long: the bar moves with each
                 take(outcome)
         except BrokenProcessPool:
