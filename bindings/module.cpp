@@ -19,6 +19,7 @@ PYBIND11_MODULE(_core, m) {
   auto ofdm = m.def_submodule("ofdm", "OFDM: symbols, cyclic-prefix correlator, blind symbol boundaries.");
   auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
+  auto vision = m.def_submodule("vision", "Cameras, planes of ground, motion over it.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
   soopnav::python::register_array(array);
   soopnav::python::register_calibration(array);
@@ -53,4 +54,5 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_source(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
   soopnav::python::register_strapdown(navigation);
+  soopnav::python::register_vision(vision);
 }

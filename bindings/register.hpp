@@ -38,5 +38,6 @@ void register_source(pybind11::module_& module);
 void register_spatial_trajectory(pybind11::module_& module);
 void register_strapdown(pybind11::module_& module);
 void register_trajectory(pybind11::module_& module);
+void register_vision(pybind11::module_& module);
 
 }  // namespace soopnav::python

@@ -13,5 +13,5 @@ configure_package_config_file(cmake/soopnavConfig.cmake.in soopnavConfig.cmake
   INSTALL_DESTINATION ${soopnav_package_dir})
 write_basic_package_version_file(soopnavConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/soopnavConfig.cmake ${CMAKE_CURRENT_BINARY_DIR}/soopnavConfigVersion.cmake
-              cmake/FindFFTW3f.cmake cmake/FindRandom123.cmake
+              cmake/FindFFTW3f.cmake cmake/FindOpenCVVideo.cmake cmake/FindRandom123.cmake
         DESTINATION ${soopnav_package_dir})

@@ -18,6 +18,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
+`soopnav_cpp.vision`    cameras, corners followed, motion over the ground
 `soopnav_cpp.plotting`  figures
 `soopnav_cpp.scenarios`  systems run from files (imported by itself, with the extra ``cli``)
 ======================  ===========================================================
@@ -45,6 +46,7 @@ from soopnav_cpp import (
     plotting,
     process,
     simulation,
+    vision,
 )
 
 __all__ = [
@@ -64,6 +66,7 @@ __all__ = [
     "plotting",
     "process",
     "simulation",
+    "vision",
 ]
 
 try:
