@@ -3,6 +3,9 @@
 Samples come back as ``complex64`` with full scale at 1.0: signed integers are divided by half their range, unsigned
 ones (``cu8``) are centred at 127.5 first. Floating-point samples are left as they are. Recordings of several channels,
 as an array of antennas makes them, are one row per channel.
+
+Cameras: `read_video` gives the frames of a video, of a folder of pictures or of photographs, `read_depth` the points
+that a depth camera saw beside them (extra ``vision``).
 """
 
 from __future__ import annotations
@@ -20,16 +23,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._depth import DepthFolder, depth_to_points, read_depth
 from soopnav_cpp._extras import require
+from soopnav_cpp._video import Frame, Photo, Video, VideoError, photo_data, read_video, write_video
 
 __all__ = [
     "RAW_FORMATS",
     "CaptureError",
+    "DepthFolder",
+    "Frame",
     "Metadata",
+    "Photo",
+    "Video",
+    "VideoError",
+    "depth_to_points",
+    "photo_data",
+    "read_depth",
     "read_iq",
     "read_iq_channels",
+    "read_video",
     "write_iq",
     "write_iq_channels",
+    "write_video",
 ]
 
 #: Formats of raw files: complex, interleaved I then Q, little-endian.
