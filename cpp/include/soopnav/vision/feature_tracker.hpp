@@ -30,12 +30,13 @@ struct ImageView {
 enum class FrameStatus {
   kFirst,      ///< nothing to compare with: corners were found, none has moved yet
   kTracked,    ///< tracks came over from the frame before
-  kRepeated,   ///< every pixel is that of the frame before; tracks stay where they were
-  kDark,       ///< nearly all pixels at the lower end
-  kSaturated,  ///< nearly all pixels at the upper end
-  kFlat,       ///< no corner in sight
-  kLost,       ///< corners on both frames, but not one could be followed
-  kBadImage,   ///< another size than the tracker was made for, no pixels, or OpenCV failed: the frame was ignored
+  kRepeated,   ///< every pixel is that of the frame before; tracks are untouched
+  kDark,       ///< nothing followed, nearly all pixels at the lower end
+  kSaturated,  ///< nothing followed, nearly all pixels at the upper end
+  kFlat,       ///< nothing followed, no corner in sight
+  kBlurred,    ///< nothing followed, and far less sharp than the frames before
+  kLost,       ///< nothing followed on a good frame, which becomes the first again
+  kBadImage,   ///< another size than the tracker was made for, no pixels, or OpenCV failed: nothing changed
 };
 
 /// Where the search for a track started.
@@ -68,6 +69,7 @@ struct FeatureTrackerOptions {
   double epsilon_px = 0.003;       ///< step at which they stop
   double round_trip_px = 0.5;      ///< forward-backward gate
   double most_flow_px = 200.0;     ///< longest displacement between frames (nielsen: dist_th)
+  int patience = 5;                ///< useless frames in a row over which the last good one is kept
   double smoothing_px = 0.8;       ///< sigma of the Gaussian over each image (nielsen: gaus_sig); 0: none
 };
 
@@ -78,6 +80,7 @@ struct TrackedFrame {
   int followed = 0;             ///< tracks that came over from the frame before
   int lost = 0;                 ///< that did not
   int born = 0;                 ///< corners found on this frame
+  int skipped = 0;              ///< useless frames between this one and the one it was compared with
   double median_flow_px = 0.0;  ///< of those followed
   double sharpness = 0.0;       ///< mean squared gradient over that of recent frames; a blurred frame is below 0.3
   Eigen::Vector2d shift_px = Eigen::Vector2d::Zero();  ///< of the whole image, where phase correlation was asked
@@ -87,7 +90,8 @@ struct TrackedFrame {
 /// Follows up to `tracks` corners: smaller eigenvalue of the gradients' matrix (Shi-Tomasi), spread over cells;
 /// pyramidal Lucas-Kanade forwards and backwards, from a predicted place or from the shift found by phase correlation
 /// at a quarter of the size; a second start where most tracks are lost from the first. The flow is the mean of the
-/// forward one and the backward one reversed (doc/feature_tracks.md eq. 3), which takes the bias of interpolation out.
+/// forward one and the backward one reversed (doc/feature_tracks.md eq. 3), which takes most of the bias of
+/// interpolation out.
 ///
 /// The same frames give the same bits, whatever the number of threads: OpenCV's own are not used and its settings are
 /// left alone. One object per camera; objects in different threads are independent. No exception of OpenCV leaves it.
@@ -104,8 +108,8 @@ class FeatureTracker {
   ~FeatureTracker();
 
   /// The next frame. `predicted`: where each of `tracks()` is expected on it (as many, in their order), NaN for a track
-  /// without expectation; empty for none at all. A frame that is dark, saturated, flat, lost or bad loses all tracks
-  /// but stays no frame to compare with, except kBadImage, which changes nothing.
+  /// without expectation; empty for none at all. A frame that is dark, saturated, flat or blurred is left out: the next
+  /// one is compared with the last good frame, until `patience` of them came in a row and everything starts anew.
   TrackedFrame track(const ImageView& image, std::span<const Eigen::Vector2d> predicted = {}) noexcept;
 
   /// The tracks on the last frame, oldest first. Valid until the next call.
