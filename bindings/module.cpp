@@ -45,6 +45,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_lte(lte);
   soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
+  soopnav::python::register_indoor(simulation);
   soopnav::python::register_gnss_simulation(simulation);
   soopnav::python::register_trajectory(simulation);
   soopnav::python::register_spatial_trajectory(simulation);

@@ -21,6 +21,7 @@ void register_gnss_attitude(pybind11::module_& module);
 void register_gnss_simulation(pybind11::module_& module);
 void register_gps(pybind11::module_& module);
 void register_gravity(pybind11::module_& module);
+void register_indoor(pybind11::module_& simulation);
 void register_inertial(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
 void register_kalman_report(pybind11::module_& module);

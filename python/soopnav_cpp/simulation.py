@@ -17,6 +17,7 @@ from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
+from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
@@ -26,11 +27,16 @@ __all__ = [
     "FrontEnd",
     "GnssObservables",
     "ImuErrorModel",
+    "IndoorLinks",
+    "IndoorRoom",
+    "LinkStatus",
+    "Material",
     "OfdmLink",
     "Oscillation",
     "PlanarImuSeries",
     "PlanarMotion",
     "PlanarTrajectory",
+    "RoomWall",
     "SensorErrorModel",
     "SpatialMotion",
     "SpatialTrajectory",
@@ -39,6 +45,7 @@ __all__ = [
     "apply_clock_error",
     "apply_taps",
     "down_convert",
+    "excess_delays",
     "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
@@ -48,6 +55,7 @@ __all__ = [
     "noise_variance_for_snr",
     "ricean_reflections",
     "simulate_gnss",
+    "slab_response",
     "thermal_noise_dbm",
 ]
 
