@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import numpy as np
@@ -23,7 +24,19 @@ from soopnav_cpp.estimation import UpdateStatus
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Latitude", "Longitude", "Origin", "Scenario", "System", "SystemRun", "Truth", "Updates", "figures_of"]
+__all__ = [
+    "Latitude",
+    "Longitude",
+    "Origin",
+    "Scenario",
+    "System",
+    "SystemRun",
+    "Truth",
+    "Updates",
+    "figures_of",
+    "files_of",
+    "numbers_of",
+]
 
 Array = npt.NDArray[np.float64]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
@@ -299,8 +312,10 @@ class SystemRun:
 class System(Protocol):
     """A system that scenarios can be written for: an instance of a class at module level, so that it can be pickled.
 
-    It may also have ``title`` (a line for ``--list``), ``example`` (a scenario to start from, as TOML text) and
-    ``figures(scenario, run)``, which returns further figures by name.
+    It may also have ``title`` (a line for ``--list``), ``example`` (a scenario to start from, as TOML text),
+    ``figures(scenario, run)``, which returns further figures by name, ``files(scenario, run, folder)``, which writes
+    further files and returns those that the report shows (GIF or PNG) by caption, and ``numbers(scenario, run)``, which
+    returns further numbers for metrics.json, of the run whose files are written.
     """
 
     @property
@@ -319,3 +334,15 @@ def figures_of(system: System, scenario: Scenario, run: SystemRun) -> dict[str, 
     """Figures that the system itself draws, by name; most draw none."""
     draw = getattr(system, "figures", None)
     return {} if draw is None else dict(draw(scenario, run))
+
+
+def files_of(system: System, scenario: Scenario, run: SystemRun, folder: Path) -> dict[str, Path]:
+    """Files that the system itself writes and the report is to show, by caption; most write none."""
+    write = getattr(system, "files", None)
+    return {} if write is None else dict(write(scenario, run, folder))
+
+
+def numbers_of(system: System, scenario: Scenario, run: SystemRun) -> dict[str, Any]:
+    """What the system itself says of the run in metrics.json; most say nothing."""
+    say = getattr(system, "numbers", None)
+    return {} if say is None else dict(say(scenario, run))

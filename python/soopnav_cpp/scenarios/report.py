@@ -16,7 +16,7 @@ import numpy as np
 
 from soopnav_cpp import __version__, plotting
 from soopnav_cpp.scenarios import writers
-from soopnav_cpp.scenarios.base import Scenario, System, SystemRun, figures_of
+from soopnav_cpp.scenarios.base import Scenario, System, SystemRun, figures_of, files_of, numbers_of
 from soopnav_cpp.scenarios.execution import Outcome
 from soopnav_cpp.scenarios.metrics import Series, measure, series_over_runs
 
@@ -132,6 +132,7 @@ def verdict(results: Results) -> str:
 
 def as_json(results: Results) -> dict[str, Any]:
     """Every number of the results: metrics.json."""
+    own = numbers_of(results.system, results.scenario, results.run)
     return {
         "scenario": results.path.name,
         "title": results.scenario.title,
@@ -143,6 +144,7 @@ def as_json(results: Results) -> dict[str, Any]:
         "versions": _versions(),
         "pooled": results.pooled,
         "each": results.each,
+        **({results.system.name: own} if own else {}),
     }
 
 
@@ -394,7 +396,8 @@ def _report(results: Results, pictures: Sequence[tuple[str, bytes]]) -> str:
         f"seed {scenario.seed}"
     )
     figures = "".join(
-        f'<figure><img alt="{e(caption)}" src="data:image/png;base64,{base64.b64encode(data).decode("ascii")}">'
+        f'<figure><img alt="{e(caption)}" src="data:image/{"gif" if data.startswith(b"GIF8") else "png"};base64,'
+        f'{base64.b64encode(data).decode("ascii")}">'
         f"<figcaption>{e(caption)}</figcaption></figure>"
         for caption, data in pictures
     )
@@ -442,6 +445,8 @@ def write(results: Results, folder: Path) -> Path:
     content = json.dumps(as_json(results), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "metrics.json").write_text(content + "\n", encoding="utf-8")
     pictures = [(caption, (folder / name).read_bytes()) for name, caption in _figures(results, folder)]
+    more = files_of(results.system, results.scenario, run, folder)
+    pictures += [(f"{caption}.", path.read_bytes()) for caption, path in more.items()]
     report = folder / "report.html"
     report.write_text(_report(results, pictures), encoding="utf-8")
     return report
