@@ -22,6 +22,7 @@ from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
 from soopnav_cpp._source_figures import bearings_map, likelihood, particles, source_errors
+from soopnav_cpp._vision_figures import FrameTracks, draw_tracks, ground_track, increments, save_picture
 from soopnav_cpp.navigation import PositionFix
 
 if TYPE_CHECKING:
@@ -29,18 +30,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "FrameTracks",
     "bearings_map",
     "bearings_over_time",
     "calibration",
     "consistency",
+    "draw_tracks",
     "ellipse_points",
     "errors",
+    "ground_track",
+    "increments",
     "innovations",
     "likelihood",
     "particles",
     "polar_spectrum",
     "position_map",
     "rms",
+    "save_picture",
     "scan",
     "source_errors",
     "state_errors",

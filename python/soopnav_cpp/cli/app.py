@@ -11,7 +11,7 @@ import click
 
 from soopnav_cpp import __version__, io
 from soopnav_cpp.cli import calibrate as _calibrate
-from soopnav_cpp.cli import finding
+from soopnav_cpp.cli import camera, finding
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -60,6 +60,7 @@ def cli() -> None:
       soopnav observe room.toml --out room.png
       soopnav df drive.sigmf-meta --array roof.toml --poses drive.csv
       soopnav locate-emitter bearings.csv
+      soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
@@ -254,6 +255,7 @@ def observe(scenario: Path, as_json: bool, out: Path | None) -> None:
 
 cli.add_command(finding.df)
 cli.add_command(finding.locate_emitter)
+cli.add_command(camera.egomotion)
 
 
 @cli.command(short_help="Run a scenario: trajectory, metrics, figures, report.")
