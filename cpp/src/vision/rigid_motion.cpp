@@ -52,6 +52,10 @@ const char* name(MotionStatus status) noexcept {
       return "degenerate";
     case MotionStatus::kHeightDisagreement:
       return "tracks and planes disagree about the height";
+    case MotionStatus::kRepeated:
+      return "repeated frame";
+    case MotionStatus::kCoasted:
+      return "coasted";
   }
   return "unknown";
 }

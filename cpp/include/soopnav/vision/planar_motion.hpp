@@ -7,15 +7,17 @@ namespace soopnav::vision {
 
 /// What became of an increment of the camera's motion.
 enum class MotionStatus : std::uint8_t {
-  kMeasured,           ///< the only one whose increment holds
-  kFirst,              ///< nothing to compare with yet
-  kBadImage,           ///< black, flat or saturated: nothing can be tracked in it
-  kBadTime,            ///< the time stamp does not come after the previous one
-  kNoPlane,            ///< no ground in one of the two frames
-  kTooFewTracks,       ///< fewer tracks that hit the ground than are needed
-  kNoConsensus,        ///< no motion that enough tracks agree with
-  kDegenerate,         ///< the tracks lie in one place: the turn is not determined
-  kHeightDisagreement  ///< tracks and planes tell different changes of height
+  kMeasured,            ///< the only one whose increment holds
+  kFirst,               ///< nothing to compare with yet
+  kBadImage,            ///< black, flat or saturated: nothing can be tracked in it
+  kBadTime,             ///< the time stamp does not come after the previous one
+  kNoPlane,             ///< no ground in one of the two frames
+  kTooFewTracks,        ///< fewer tracks that hit the ground than are needed
+  kNoConsensus,         ///< no motion that enough tracks agree with
+  kDegenerate,          ///< the tracks lie in one place: the turn is not determined
+  kHeightDisagreement,  ///< tracks and planes tell different changes of height
+  kRepeated,            ///< the previous frame once more: no information, no interval
+  kCoasted              ///< nothing measured for long: `increment` is what the last velocity leads to expect
 };
 
 /// "measured", "too few tracks" and so on.
@@ -46,7 +48,11 @@ struct PlanarMotion {
   double sigma_px = 0.0;            ///< noise of a track in this frame that the covariance stands for [pixel]
   double rms_px = 0.0;              ///< of the inliers' residuals, per axis [pixel]
   double t_s = 0.0;                 ///< time of this frame
-  double dt_s = 0.0;                ///< since the frame before
+  /// Interval that `increment` covers, ending at t_s [s]; 0 where it covers none, and then a later increment covers
+  /// more. Those of all steps follow one another without gap.
+  double dt_s = 0.0;
+  int skipped = 0;           ///< frames within dt_s that gave no increment
+  double rival_share = 0.0;  ///< of the tracks used, those that agree with another motion than the one given
 
   [[nodiscard]] bool ok() const noexcept { return status == MotionStatus::kMeasured; }
 };
