@@ -336,7 +336,7 @@ bool IndoorRoom::path(const RoomNode& node, std::size_t image, const Eigen::Vect
                   end ? 1.0 : mirrors[i].s,
                   line,
                   end ? -1 : mirrors[i].plane->line};
-    if (bounce >= leg.sa && bounce <= leg.sb) {
+    if (bounce >= leg.sa && bounce < leg.sb) {
       const double w = leg.sb > leg.sa ? (bounce - leg.sa) / (leg.sb - leg.sa) : 0.0;
       const double bx = leg.ax + w * (leg.bx - leg.ax), by = leg.ay + w * (leg.by - leg.ay);
       if (bx < box_[0] || bx > box_[1] || by < box_[2] || by > box_[3]) return false;
