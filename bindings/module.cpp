@@ -47,11 +47,13 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_indoor(simulation);
   soopnav::python::register_gnss_simulation(simulation);
+  soopnav::python::register_handset_world(simulation);
   soopnav::python::register_trajectory(simulation);
   soopnav::python::register_spatial_trajectory(simulation);
   soopnav::python::register_ofdm_link(simulation);
   soopnav::python::register_array_link(simulation);
   soopnav::python::register_navigation(navigation);
+  soopnav::python::register_handset(navigation);
   soopnav::python::register_source(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
   soopnav::python::register_strapdown(navigation);

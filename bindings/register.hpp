@@ -22,6 +22,8 @@ void register_gnss_simulation(pybind11::module_& module);
 void register_gps(pybind11::module_& module);
 void register_gravity(pybind11::module_& module);
 void register_indoor(pybind11::module_& simulation);
+void register_handset(pybind11::module_& module);
+void register_handset_world(pybind11::module_& module);
 void register_inertial(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
 void register_kalman_report(pybind11::module_& module);

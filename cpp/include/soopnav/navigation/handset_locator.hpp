@@ -125,6 +125,12 @@ struct HandsetMotion {
   Eigen::Matrix3d track_covariance = Eigen::Matrix3d::Zero();  ///< of what is independent from step to step
   Eigen::Matrix2d foot_covariance_previous = Eigen::Matrix2d::Zero();  ///< of the foot points, each in its body's axes
   Eigen::Matrix2d foot_covariance = Eigen::Matrix2d::Zero();
+
+  /// Of a motion that has these fields, as vision::PlanarMotion.
+  template <class Motion>
+  [[nodiscard]] static HandsetMotion of(const Motion& m) {
+    return {m.increment, m.track_covariance, m.foot_covariance_previous, m.foot_covariance};
+  }
 };
 
 /// What came of an observation.
