@@ -36,19 +36,17 @@ class Walk:
         self._covariances: list[Array] = []
         self._feet: list[Array] = []
         self._start: Array | None = None
-        self._last = -1  # frame that the next increment counts from
         self._speed: Array = np.zeros(3)
         self._speed_s = -math.inf
         self.since: list[int] = []  #: frame that each increment counts from; -1 where there is none
-        self.bridged_s = 0.0  #: time without increments
+        self.bridged_s = 0.0  #: time that no measured increment covers
 
     def add(self, motion: Any, t_s: float) -> None:
         """The motion of the next frame (`PlanarMotion`)."""
         if not self._t_s:
             self._append(t_s, np.zeros(3), np.zeros((3, 3)), -1, np.zeros((2, 2)))
-            self._last = 0
             return
-        if not motion.ok:
+        if not motion.dt_s > 0.0:
             dt_s = t_s - self._t_s[-1]
             usable = math.isfinite(dt_s) and dt_s > 0.0
             step = self._speed * dt_s if usable and t_s - self._speed_s < _STALE_S else np.zeros(3)
@@ -58,7 +56,7 @@ class Walk:
             self._append(t_s, pose, covariance, -1, self._feet[-1])
             return
         # The increment may span frames that could not be used: it counts from the frame that lies dt_s before.
-        wanted = t_s - float(getattr(motion, "dt_s", 0.0))
+        wanted = t_s - float(motion.dt_s)
         since = len(self._t_s) - 1
         while since > 0 and self._t_s[since] > wanted + 1e-6:
             since -= 1
@@ -67,13 +65,15 @@ class Walk:
             self._start = np.array(motion.foot_covariance_previous, dtype=np.float64)
         pose, covariance = self._moved(since, step, np.asarray(motion.track_covariance))
         dt_s = t_s - self._t_s[since]
-        if since < len(self._t_s) - 1:
+        if motion.ok:
             self.bridged_s -= self._t_s[-1] - self._t_s[since]
+        else:
+            self.bridged_s += t_s - self._t_s[-1]
         if dt_s > 0.0:
             # In axes of the body at the end, which the next step starts from.
             self._speed = np.append(_turn(-step[2]) @ step[:2], step[2]) / dt_s
             self._speed_s = t_s
-        self._append(t_s, pose, covariance, since, np.asarray(motion.foot_covariance, dtype=np.float64))
+        self._append(t_s, pose, covariance, since if motion.ok else -1, np.asarray(motion.foot_covariance, np.float64))
 
     def _moved(self, since: int, step: Array, noise: Array) -> tuple[Array, Array]:
         pose, turn = self._poses[since], np.eye(3)
@@ -101,6 +101,11 @@ class Walk:
 
     def __len__(self) -> int:
         return len(self._t_s)
+
+    @property
+    def last_s(self) -> float:
+        """Time of the last frame."""
+        return self._t_s[-1]
 
     @property
     def t_s(self) -> Array:

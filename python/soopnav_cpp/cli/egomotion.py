@@ -257,10 +257,14 @@ def follow(
     total = math.ceil(video.expected / every) or None
     keep = set(np.linspace(1, (total or 100) - 1, _MOST_PICTURES).round().astype(int).tolist())
     drawn: list[npt.NDArray[np.uint8]] = []
+    backward = 0
     for k, frame in enumerate(_frames(video, every, most)):
         if k % 10 == 0:
             step(f"following {path.name}", done=k, total=total if most is None else min(total or most, most))
         t_s = frame.t_s + start_s
+        if walk and t_s <= walk.last_s:
+            backward += 1
+            continue
         if frame.image.shape != (camera.height, camera.width):
             warnings.append(f"frame {k}: {frame.image.shape[1]}×{frame.image.shape[0]}, left out")
             continue
@@ -276,6 +280,8 @@ def follow(
     if not motions:
         raise ValueError(f"{path}: no frame in it that can be used")
     depth.close()
+    if backward:
+        warnings.append(f"{backward} frames whose time does not come after that of the frame before: left out")
     if video.problem:
         warnings.append(video.problem)
     result = Result(video, camera, ground, motions, walk, pictures=pictures, warnings=[*warnings, *depth.warnings])
