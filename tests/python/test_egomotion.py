@@ -1,0 +1,236 @@
+"""``soopnav egomotion``: a rendered video followed, its report, what is refused; the walk that increments add up to."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from soopnav_cpp import io, simulation, vision
+from soopnav_cpp._walk import Walk
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("av")
+pytest.importorskip("PIL")
+
+from soopnav_cpp.cli.app import cli
+
+CAMERA = """\
+model = "pinhole"
+width = 160
+height = 120
+fx = 140.0
+fy = 140.0
+cx = 79.5
+cy = 59.5
+"""
+HEIGHT_M = 0.5
+TILT_DEG = (5.0, -3.0)
+needs_opencv = pytest.mark.skipif(not vision.available(), reason="this build is without OpenCV")
+
+
+def run(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(cli, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+# ---- the walk
+
+
+def motion(step: Any, **more: Any) -> Any:
+    fields: dict[str, Any] = {
+        "ok": True,
+        "dt_s": 0.1,
+        "increment": np.array(step, dtype=float),
+        "track_covariance": np.zeros((3, 3)),
+        "foot_covariance_previous": np.zeros((2, 2)),
+        "foot_covariance": np.zeros((2, 2)),
+    }
+    return SimpleNamespace(**{**fields, **more})
+
+
+def first() -> Any:
+    return motion([0.0, 0.0, 0.0], ok=False, dt_s=0.0)
+
+
+def test_a_square_closes() -> None:
+    walk = Walk()
+    walk.add(first(), 0.0)
+    for k in range(8):
+        walk.add(motion([1.0, 0.0, 0.0] if k % 2 == 0 else [0.0, 0.0, math.pi / 2]), 0.1 * (k + 1))
+    np.testing.assert_allclose(walk.pose[-1], [0.0, 0.0, 2.0 * math.pi], atol=1e-12)
+    np.testing.assert_allclose(walk.pose[3], [1.0, 1.0, math.pi / 2], atol=1e-12)
+    assert walk.length_m == pytest.approx(4.0)
+    walk.begin(2, [5.0, 6.0, math.pi])
+    np.testing.assert_allclose(walk.pose[[2, 3]], [[5.0, 6.0, math.pi], [4.0, 6.0, math.pi]], atol=1e-12)
+    assert walk.length_m == pytest.approx(4.0)
+
+
+def test_feet_cancel_and_tracks_add_up() -> None:
+    walk = Walk()
+    walk.add(first(), 0.0)
+    feet = np.diag([4e-6, 1e-6])
+    for k in range(100):
+        walk.add(
+            motion([0.02, 0.0, 0.0], track_covariance=np.diag([1e-8, 1e-8, 1e-10]), foot_covariance=feet,
+                   foot_covariance_previous=feet), 0.1 * (k + 1),
+        )  # fmt: skip
+    # Two feet, however long the walk; tracks n σ²; the heading's error swings the way: Σ (0.02 j)² σ_a².
+    along = 2.0 * 4e-6 + 100 * 1e-8
+    across = 2.0 * 1e-6 + 100 * 1e-8 + 1e-10 * 0.02**2 * sum(j * j for j in range(100))
+    np.testing.assert_allclose(walk.covariance[-1].diagonal(), [along, across, 1e-8], rtol=1e-6)
+
+
+def test_frames_without_an_increment_go_on_as_before() -> None:
+    walk = Walk()
+    walk.add(first(), 0.0)
+    walk.add(motion([0.1, 0.0, 0.0]), 0.1)
+    walk.add(first(), 0.2)  # nothing measured: the speed of before is taken on
+    np.testing.assert_allclose(walk.pose[2], [0.2, 0.0, 0.0], atol=1e-12)
+    assert walk.bridged_s == pytest.approx(0.1)
+    assert walk.covariance[2, 0, 0] > 1e-4
+    walk.add(motion([0.3, 0.1, 0.0], dt_s=0.2), 0.3)  # counts from the last frame that had one
+    np.testing.assert_allclose(walk.pose[3], [0.4, 0.1, 0.0], atol=1e-12)
+    assert walk.since == [-1, 0, -1, 1]
+    assert walk.bridged_s == pytest.approx(0.0)
+    np.testing.assert_allclose(walk.covariance[3], 0.0, atol=1e-15)
+
+
+# ---- the command
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a video of 30 frames, depth, a camera and the truth."""
+    folder = tmp_path_factory.mktemp("rendered")
+    (folder / "cam.toml").write_text(CAMERA)
+    camera = vision.load_camera(folder / "cam.toml")
+    scene = simulation.GroundScene(seed=5)
+    images, truth = [], []
+    (folder / "depth").mkdir()
+    tilt = tuple(math.radians(angle) for angle in TILT_DEG)
+    for k in range(30):
+        pose = np.array([0.3 * math.sin(0.05 * k), 0.008 * k, 0.01 * k])
+        images.append(scene.render(camera, pose, height_m=HEIGHT_M, tilt_rad=tilt, noise=1.5, frame=k))
+        points = scene.depth_cloud(camera, pose, height_m=HEIGHT_M, tilt_rad=tilt, points=2000, frame=k)
+        np.save(folder / "depth" / f"{k}.npy", points)
+        truth.append([0.05 * k, *pose])
+    io.write_video(folder / "walk.mkv", images, rate_hz=20.0, lossless=True)
+    with (folder / "truth.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time_s", "position_x_m", "position_y_m", "heading_rad"])
+        writer.writerows(truth)
+    return folder
+
+
+def follow(rendered: Path, out: Path, *more: object, code: int = 0) -> Result:
+    return run("egomotion", rendered / "walk.mkv", "--camera", rendered / "cam.toml", "--out", out, *more, code=code)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@needs_opencv
+def test_a_rendered_walk(rendered: Path, tmp_path: Path) -> None:
+    plane = f"{HEIGHT_M},{TILT_DEG[0]},{TILT_DEG[1]}"
+    text = follow(rendered, tmp_path, "--plane", plane, "--truth", rendered / "truth.csv").output
+    assert "29 of 29 increments measured" in text
+    assert "NEES" in text
+    table = rows(tmp_path / "increments.csv")
+    assert [row["status"] for row in table] == ["first"] + ["measured"] * 29
+    errors = np.array([[float(row[f"error_{name}"]) for name in ("dx_m", "dy_m", "da_rad")] for row in table[1:]])
+    assert np.abs(errors[:, :2]).max() < 1e-3
+    assert np.abs(errors[:, 2]).max() < 5e-3
+    pose = np.loadtxt(tmp_path / "trajectory.tum")
+    assert pose.shape == (30, 8)
+    truth = np.array([[float(v) for v in row.values()] for row in rows(rendered / "truth.csv")])
+    assert np.abs(pose[:, 1:3] - truth[:, 1:3]).max() < 5e-3
+    np.testing.assert_allclose(np.linalg.norm(pose[:, 4:], axis=1), 1.0, atol=1e-6)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["measured"] == 29
+    assert metrics["length_m"] == pytest.approx(0.39, abs=0.03)
+    report = (tmp_path / "report.html").read_text()
+    assert report.count("data:image/png;base64,") == 6  # the walk, the increments, four frames
+    assert len(list(tmp_path.glob("frame_*.png"))) == 4
+
+
+@needs_opencv
+def test_depth_tells_the_plane(rendered: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    video = tmp_path / "tracks.mp4"
+    depth = rendered / "depth"
+    text = follow(
+        rendered, out, "--depth", depth, "--truth", rendered / "truth.csv", "--tracks", video, "--json"
+    ).output
+    found = json.loads(text)
+    assert found["measured"] == 29
+    assert found["height_median_m"] == pytest.approx(HEIGHT_M, rel=0.01)
+    assert found["position_rms_m"] < 0.02
+    assert 0.3 < found["nees"]["mean"] < 12.0
+    assert len(list(io.read_video(video))) == 30
+
+
+@needs_opencv
+def test_the_same_seed_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        follow(rendered, tmp_path / name, "--depth", rendered / "depth", "--frames", 8)
+    for file in ("trajectory.tum", "trajectory.csv", "increments.csv", "metrics.json"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+@needs_opencv
+def test_missing_depth_is_bridged(rendered: Path, tmp_path: Path) -> None:
+    depth = tmp_path / "depth"
+    depth.mkdir()
+    for k in range(30):
+        content = (rendered / "depth" / f"{k}.npy").read_bytes()
+        (depth / f"{k}.npy").write_bytes(content[:50] if k in (9, 10) else content)
+    text = follow(rendered, tmp_path / "out", "--depth", depth, "--truth", rendered / "truth.csv").output
+    assert "2 no plane" in text
+    assert "9.npy: not an array" in text
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["position_rms_m"] < 0.02
+
+
+@needs_opencv
+def test_a_floor_that_shows_nothing(rendered: Path, tmp_path: Path) -> None:
+    io.write_video(tmp_path / "dark.mkv", [np.zeros((120, 160), np.uint8)] * 5, lossless=True)
+    result = run("egomotion", tmp_path / "dark.mkv", "--camera", rendered / "cam.toml", "--height", 1.0, "--out",
+                 tmp_path / "out", code=2)  # fmt: skip
+    assert "0 of 4 increments measured" in result.output
+
+
+def test_refusals(rendered: Path, tmp_path: Path) -> None:
+    video, camera = rendered / "walk.mkv", rendered / "cam.toml"
+
+    def refused(*arguments: object) -> str:
+        return run("egomotion", *arguments, "--out", tmp_path / "out", code=2).output
+
+    assert "no ground: one of --depth, --plane and --height expected" in refused(video, "--camera", camera)
+    both = refused(video, "--camera", camera, "--height", 1, "--depth", rendered / "depth")
+    assert "--depth and --height: one of" in both
+    for bad, why in (("1,2", "HEIGHT or"), ("-1", "above zero"), ("1,80,0", "tilts up to"), ("x", "HEIGHT or")):
+        assert why in refused(video, "--camera", camera, f"--plane={bad}")
+    assert "a name that ends in .mp4" in refused(video, "--camera", camera, "--height", 1, "--tracks", "a.txt")
+    if not vision.available():
+        assert "needs OpenCV" in refused(video, "--camera", camera, "--height", 1)
+        return
+    other = tmp_path / "cam.toml"
+    other.write_text(CAMERA.replace("160", "320"))
+    assert "320×120, but" in refused(video, "--camera", other, "--height", 1)
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(b"not a video")
+    assert "broken.mp4: not a video that can be decoded" in refused(broken, "--camera", camera, "--height", 1)
+    assert "no such file" in refused(tmp_path / "none.mp4", "--camera", camera, "--height", 1)
+    late = refused(video, "--camera", camera, "--height", 0.5, "--truth", rendered / "truth.csv", "--start", 1000)
+    assert "times of the same clock expected (--start)" in late
+    assert "no depth in it" in refused(video, "--camera", camera, "--depth", tmp_path)
