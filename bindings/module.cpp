@@ -57,5 +57,8 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_source(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
   soopnav::python::register_strapdown(navigation);
+  soopnav::python::register_ground_plane(vision);
   soopnav::python::register_vision(vision);
+  soopnav::python::register_ground(vision);
+  soopnav::python::register_ground_scene(simulation);
 }

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._depth import DepthFolder, depth_to_points, read_depth
 from soopnav_cpp._extras import require
+from soopnav_cpp._pcd import read_point_cloud
 from soopnav_cpp._video import Frame, Photo, Video, VideoError, photo_data, read_video, write_video
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "read_depth",
     "read_iq",
     "read_iq_channels",
+    "read_point_cloud",
     "read_video",
     "write_iq",
     "write_iq_channels",

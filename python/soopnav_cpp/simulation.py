@@ -17,6 +17,7 @@ from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
+from soopnav_cpp._ground_scene import GroundObject, GroundScene
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
@@ -26,6 +27,8 @@ __all__ = [
     "BoundarySeries",
     "FrontEnd",
     "GnssObservables",
+    "GroundObject",
+    "GroundScene",
     "ImuErrorModel",
     "IndoorLinks",
     "IndoorRoom",

@@ -9,6 +9,7 @@ import numpy as np
 
 from soopnav_cpp import array, clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
+from soopnav_cpp.bench.ground_cases import GROUND_CASES
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 from soopnav_cpp.bench.source_cases import SOURCE_CASES
 
@@ -209,5 +210,6 @@ CASES: tuple[Case, ...] = (
     particle_bootstrap(_bootstrap("float"), single=True),
     ALLAN,
     *SOURCE_CASES,
+    *GROUND_CASES,
     MUSIC,
 )
