@@ -173,7 +173,7 @@ HandsetMotion motion_of(const RealArrayBase& increment, const NumbersBase& track
 }
 
 template <class Member>
-auto links(Member member) {
+auto of_links(Member member) {
   return [member](const HandsetEstimate& e) {
     const auto& values = e.*member;
     return to_array(std::vector<double>(values.begin(), values.begin() + e.nodes));
@@ -181,7 +181,7 @@ auto links(Member member) {
 }
 py::array_t<double> pair_of(const Eigen::Vector2d& v) { return to_array(std::vector<double>{v[0], v[1]}); }
 
-void register_results(py::module_& m) {
+void register_handset_results(py::module_& m) {
   py::native_enum<HandsetFilter>(m, "HandsetFilter", "enum.Enum", "The two filters of nielsen 4.2.3.")
       .value("CONTROL", HandsetFilter::kControl, "Type 1: the camera's increments move the particles.")
       .value("MEASUREMENT", HandsetFilter::kMeasurement, "Type 2: they are measurements.")
@@ -241,11 +241,11 @@ void register_results(py::module_& m) {
       .def_readonly("mode_share", &HandsetEstimate::mode_share, "Weight of that group.")
       .def_readonly("multimodal", &HandsetEstimate::multimodal, "Whether that is less than 0.9.")
       .def_readonly("ess", &HandsetEstimate::ess, "Effective number of particles.")
-      .def_property_readonly("p_los", links(&HandsetEstimate::p_los),
+      .def_property_readonly("p_los", of_links(&HandsetEstimate::p_los),
                              "Probability that a link has no excess delay; shape (links,).")
-      .def_property_readonly("excess_m", links(&HandsetEstimate::excess_m),
+      .def_property_readonly("excess_m", of_links(&HandsetEstimate::excess_m),
                              "Excess delay where it has; shape (links,).")
-      .def_property_readonly("offset_m", links(&HandsetEstimate::offset_m), "Nodes' own times; shape (links,).")
+      .def_property_readonly("offset_m", of_links(&HandsetEstimate::offset_m), "Nodes' own times; shape (links,).")
       .def_property_readonly(
           "nodes_m",
           [](const HandsetEstimate& e) {
@@ -256,7 +256,7 @@ void register_results(py::module_& m) {
             return to_array(std::move(out), {e.nodes, 2});
           },
           "Places of the nodes, estimated or given; shape (links, 2).")
-      .def_property_readonly("node_sigma_m", links(&HandsetEstimate::node_sigma_m),
+      .def_property_readonly("node_sigma_m", of_links(&HandsetEstimate::node_sigma_m),
                              "Of each coordinate of them; shape (links,).")
       .def("__repr__", [](const HandsetEstimate& e) {
         char text[200];
@@ -346,7 +346,7 @@ py::tuple run_all(HandsetLocator& self, const RealArray<"frame_s">& frame_s, con
                         to_array(std::move(frame_use)));
 }
 
-void register_locator(py::module_& m) {
+void register_handset_locator(py::module_& m) {
   py::class_<HandsetLocator>(m, "HandsetLocator", "Ranges, bearings and camera steps in, a position out.")
       .def(py::init([](const Table<"nodes_m">& nodes, HandsetFilter filter, HandsetClock clock, double height_m,
                        const RealArray<"start_m">& start, const RealArray<"node_sigma_m">& node_sigma,
@@ -484,8 +484,8 @@ void register_handset_world(py::module_& m) {
 }
 
 void register_handset(py::module_& m) {
-  register_results(m);
-  register_locator(m);
+  register_handset_results(m);
+  register_handset_locator(m);
 }
 
 }  // namespace soopnav::python

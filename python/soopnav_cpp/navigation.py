@@ -6,6 +6,14 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
+from soopnav_cpp._handset import (
+    HandsetEstimate,
+    HandsetLocator,
+    HandsetReport,
+    HandsetRun,
+    HandsetStatus,
+    HandsetUse,
+)
 from soopnav_cpp._ofdm_inertial import (
     ImuCounts,
     LinkReport,
@@ -31,6 +39,12 @@ from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownSt
 __all__ = [
     "BearingUse",
     "FixStatus",
+    "HandsetEstimate",
+    "HandsetLocator",
+    "HandsetReport",
+    "HandsetRun",
+    "HandsetStatus",
+    "HandsetUse",
     "ImuCounts",
     "LinkReport",
     "NodeUse",

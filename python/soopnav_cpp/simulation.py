@@ -18,6 +18,7 @@ from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._ground_scene import GroundObject, GroundScene
+from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
@@ -29,11 +30,13 @@ __all__ = [
     "GnssObservables",
     "GroundObject",
     "GroundScene",
+    "HandsetWorld",
     "ImuErrorModel",
     "IndoorLinks",
     "IndoorRoom",
     "LinkStatus",
     "Material",
+    "NlosSchedule",
     "OfdmLink",
     "Oscillation",
     "PlanarImuSeries",
