@@ -23,6 +23,7 @@ PYBIND11_MODULE(_core, m) {
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
   soopnav::python::register_array(array);
   soopnav::python::register_calibration(array);
+  soopnav::python::register_synthetic_aperture(array);
   soopnav::python::register_clock(clock);
   soopnav::python::register_dsp(dsp);
   soopnav::python::register_measurement(measurement);
@@ -52,6 +53,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_spatial_trajectory(simulation);
   soopnav::python::register_ofdm_link(simulation);
   soopnav::python::register_array_link(simulation);
+  soopnav::python::register_aperture_link(simulation);
   soopnav::python::register_navigation(navigation);
   soopnav::python::register_handset(navigation);
   soopnav::python::register_source(navigation);

@@ -6,6 +6,7 @@
 namespace soopnav::python {
 
 void register_adaptive_noise(pybind11::module_& module);
+void register_aperture_link(pybind11::module_& module);
 void register_array(pybind11::module_& module);
 void register_array_link(pybind11::module_& module);
 void register_calibration(pybind11::module_& module);
@@ -43,6 +44,7 @@ void register_simulation(pybind11::module_& module);
 void register_source(pybind11::module_& module);
 void register_spatial_trajectory(pybind11::module_& module);
 void register_strapdown(pybind11::module_& module);
+void register_synthetic_aperture(pybind11::module_& module);
 void register_trajectory(pybind11::module_& module);
 void register_vision(pybind11::module_& module);
 

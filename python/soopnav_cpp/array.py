@@ -48,13 +48,28 @@ from soopnav_cpp._array_subspace import (
 from soopnav_cpp._calibration import Calibration, CalibrationError, array_id, calibrate
 from soopnav_cpp._core.array import ArrayGeometry, ArrayStatus
 from soopnav_cpp._sigma_map import SigmaMap
+from soopnav_cpp._synthetic_aperture import (
+    ApertureBearings,
+    ApertureStatus,
+    BearingCheck,
+    BlindAperture,
+    SyntheticAperture,
+    aperture_directions,
+    aperture_spectrum,
+    check_bearings,
+    synthetic_aperture_crlb,
+)
 
 __all__ = [
     "AmbiguityWarning",
+    "ApertureBearings",
+    "ApertureStatus",
     "ArrayGeometry",
     "ArrayStatus",
+    "BearingCheck",
     "BearingRun",
     "Bearings",
+    "BlindAperture",
     "Calibration",
     "CalibrationError",
     "DirectionFinder",
@@ -62,10 +77,14 @@ __all__ = [
     "Manifold",
     "SigmaMap",
     "SteeringTable",
+    "SyntheticAperture",
+    "aperture_directions",
+    "aperture_spectrum",
     "array_id",
     "bartlett",
     "calibrate",
     "capon",
+    "check_bearings",
     "covariance",
     "crlb",
     "eigenvalues",
@@ -81,5 +100,6 @@ __all__ = [
     "root_music",
     "source_count",
     "spatial_smoothing",
+    "synthetic_aperture_crlb",
     "weighted_subspace_fitting",
 ]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._aperture_simulation import ApertureSnapshots, aperture_snapshots, drift_path
 from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field_limit_m
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
@@ -24,6 +25,7 @@ from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialT
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
 __all__ = [
+    "ApertureSnapshots",
     "ArrayLink",
     "BoundarySeries",
     "FrontEnd",
@@ -47,10 +49,12 @@ __all__ = [
     "SpatialMotion",
     "SpatialTrajectory",
     "add_awgn",
+    "aperture_snapshots",
     "apply_cfo",
     "apply_clock_error",
     "apply_taps",
     "down_convert",
+    "drift_path",
     "excess_delays",
     "far_field_limit_m",
     "free_space_path_loss_db",
