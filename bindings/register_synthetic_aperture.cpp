@@ -35,8 +35,9 @@ py::array_t<T> copied(std::span<const T> values, std::vector<py::ssize_t> shape 
   return to_array(std::vector<T>(values.begin(), values.end()), std::move(shape));
 }
 
-py::array_t<double> copied_square(const Eigen::Map<const Eigen::MatrixXd>& m) {
-  return to_array(std::vector<double>(m.data(), m.data() + m.size()), {m.rows(), m.cols()});
+py::array_t<double> copied_square(std::span<const double> values, std::size_t nodes) {
+  const auto size = static_cast<py::ssize_t>(values.empty() ? 0 : nodes);
+  return copied(values, {size, size});
 }
 
 ReceiverPhase phase_of_word(const std::string& word) {
@@ -89,7 +90,7 @@ py::dict bearings(SyntheticAperture& self, const ComplexTable<"phasors">& phasor
   out["straight"] = found.straight;
   out["bearing_rad"] = copied(found.bearing_rad);
   out["alternative_rad"] = copied(found.alternative_rad);
-  out["covariance_rad2"] = copied_square(found.covariance_rad2);
+  out["covariance_rad2"] = copied_square(found.covariance_rad2, wavelength_m.size());
   out["frequency_hz"] = copied(found.frequency_hz);
   out["amplitude"] = copied(found.amplitude);
   out["coherence"] = copied(found.coherence);
@@ -114,7 +115,7 @@ py::dict blind(SyntheticAperture& self, const ComplexTable<"phasors">& phasors, 
   out["status"] = found.status;
   out["index"] = found.index;
   out["bearing_rad"] = copied(found.bearing_rad);
-  out["covariance_rad2"] = copied_square(found.covariance_rad2);
+  out["covariance_rad2"] = copied_square(found.covariance_rad2, wavelength_m.size());
   out["path_m"] = copied(found.path_m, {static_cast<py::ssize_t>(found.path_m.size() / 2), 2});
   out["noise_variance"] = found.noise_variance;
   out["iterations"] = found.iterations;

@@ -24,7 +24,7 @@ constexpr int kCoarseSteps = 10, kFineSteps = 60;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 void require_size(const char* name, std::size_t size, std::size_t expected, const char* rule) {
-  require(size == expected, name, size, std::string(rule) + ": " + std::to_string(expected) + " expected");
+  if (size != expected) require(false, name, size, std::string(rule) + ": " + std::to_string(expected) + " expected");
 }
 
 }  // namespace
@@ -140,6 +140,8 @@ ApertureStatus fill_model(const ApertureData& data, const ApertureOptions& optio
       index = static_cast<int>(k);
       return ApertureStatus::kStepTooLong;
     }
+  }
+  for (std::size_t k = 0; k < n; ++k) {
     m.x0[k] -= mean_x;
     m.y0[k] -= mean_y;
   }
@@ -268,7 +270,7 @@ void SyntheticAperture::Work::fit(const ApertureOptions& options, std::size_t re
   };
   for (std::size_t s = 0; s < found; ++s) {
     search.start(s, m);
-    if (best.theta.size() != m.nodes) keep(best), keep(second);
+    if (best.theta.size() != m.nodes) keep(best), keep(second), keep(trial);
     consider();
   }
   // The mirror image of the best, about the path's long axis.
@@ -446,8 +448,7 @@ ApertureBearings SyntheticAperture::estimate(const ApertureData& data) {
   }
   out.bearing_rad = w.bearing;
   out.alternative_rad = w.alternative;
-  new (&out.covariance_rad2) Eigen::Map<const Eigen::MatrixXd>(w.covariance.data(), static_cast<Eigen::Index>(nodes),
-                                                               static_cast<Eigen::Index>(nodes));
+  out.covariance_rad2 = w.covariance;
   out.frequency_hz = w.frequency;
   out.amplitude = w.amplitude;
   out.phase_rad = w.phase;
@@ -495,8 +496,7 @@ BlindAperture SyntheticAperture::estimate_blind(const ApertureData& data) {
     w.path[2 * k + 1] = m.dy[k] - m.dy[0];
   }
   out.bearing_rad = w.bearing;
-  new (&out.covariance_rad2) Eigen::Map<const Eigen::MatrixXd>(w.covariance.data(), static_cast<Eigen::Index>(nodes),
-                                                               static_cast<Eigen::Index>(nodes));
+  out.covariance_rad2 = w.covariance;
   out.path_m = w.path;
   out.status = ApertureStatus::kOk;
   return out;

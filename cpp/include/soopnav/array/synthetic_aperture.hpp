@@ -73,14 +73,14 @@ struct ApertureBearings {
   bool straight = false;
   std::span<const double> bearing_rad;      ///< [-pi, pi); NaN for links left out
   std::span<const double> alternative_rad;  ///< the other answer of kTwoAnswers; NaN where there is none
-  Eigen::Map<const Eigen::MatrixXd> covariance_rad2{nullptr, 0, 0};  ///< L x L, its bound at the estimate; NaN likewise
-  std::span<const double> frequency_hz;  ///< relative to the first link in use when the receiver's phase is free
-  std::span<const double> amplitude;     ///< of the coherent part
-  std::span<const double> coherence;     ///< 0 .. 1, the receiver's phase taken from the other links
-  std::span<const std::uint8_t> los;     ///< coherence reaches the threshold
-  std::span<const double> phase_rad;     ///< n, the receiver's, psi_k
-  double noise_variance = 0.0;           ///< as given or as found
-  double gap = 0.0;                      ///< log likelihood of the answer over the alternative's
+  std::span<const double> covariance_rad2;  ///< L x L, the bound at the estimate; NaN likewise
+  std::span<const double> frequency_hz;     ///< relative to the first link in use when the receiver's phase is free
+  std::span<const double> amplitude;        ///< of the coherent part
+  std::span<const double> coherence;        ///< 0 .. 1, the receiver's phase taken from the other links
+  std::span<const std::uint8_t> los;        ///< coherence reaches the threshold
+  std::span<const double> phase_rad;        ///< n, the receiver's, psi_k
+  double noise_variance = 0.0;              ///< as given or as found
+  double gap = 0.0;                         ///< log likelihood of the answer over the alternative's
   int iterations = 0;
 };
 
@@ -88,9 +88,9 @@ struct ApertureBearings {
 struct BlindAperture {
   ApertureStatus status = ApertureStatus::kNoPower;
   int index = -1;
-  std::span<const double> bearing_rad;  ///< relative to the first node's, which is 0; the whole may be mirrored
-  Eigen::Map<const Eigen::MatrixXd> covariance_rad2{nullptr, 0, 0};  ///< L x L, row and column of the first are 0
-  std::span<const double> path_m;  ///< n x 2 in the frame of the first node's direction, from its first point
+  std::span<const double> bearing_rad;      ///< relative to the first node's, which is 0; the whole may be mirrored
+  std::span<const double> covariance_rad2;  ///< L x L, row and column of the first are 0
+  std::span<const double> path_m;           ///< n x 2 in the frame of the first node's direction, from its first point
   double noise_variance = 0.0;
   int iterations = 0;
 };
