@@ -43,13 +43,14 @@ class Intrinsics(Protocol):
 def depth_to_points(
     depth_m: npt.ArrayLike, camera: Intrinsics, *, most_points: int = _MOST_POINTS, where: str = "depth_m"
 ) -> Points:
-    """Points that a depth image shows, by a pinhole without distortion.
+    """Points that a depth image shows.
 
     Parameters
     ----------
     depth_m : array_like, shape (h, w)
         Along the optical axis [m]; 0 and what is not finite: nothing came back.
     camera : has width, height, fx, fy, cx, cy
+        A `vision.Camera`, whose lens counts, or any other pinhole.
     most_points : int
         Rows and columns are passed over evenly so that no more are left.
     where : str
@@ -73,6 +74,9 @@ def depth_to_points(
     part = depth[::step, ::step].astype(np.float32)
     rows, columns = np.nonzero(np.isfinite(part) & (part > 0.0))
     z = part[rows, columns]
+    if getattr(camera, "lens", "pinhole") != "pinhole":
+        rays = camera.unproject(np.column_stack([columns, rows]) * float(step))  # type: ignore[attr-defined]
+        return np.ascontiguousarray(rays * z[:, None], dtype=np.float32)
     x = (columns * step - np.float32(camera.cx)) * z / np.float32(camera.fx)
     y = (rows * step - np.float32(camera.cy)) * z / np.float32(camera.fy)
     return np.ascontiguousarray(np.stack([x, y, z], axis=1), dtype=np.float32)
@@ -213,7 +217,7 @@ def read_depth(
     if len(kinds) > 1:
         raise VideoError(f"{where}: files of one kind expected, got {' and '.join(kinds)}")
     if kinds == [".pcd"] and read_cloud is None:
-        read_cloud = importlib.import_module("soopnav_cpp._pcd").read_point_cloud
+        read_cloud = importlib.import_module("soopnav_cpp._pcd").read_point_cloud  # loaded when it is needed
     times = names_as_times(files)
     t_s = None if times is None else np.array(times) - times[0]
     return DepthFolder(where, tuple(files), t_s, camera, read_cloud)

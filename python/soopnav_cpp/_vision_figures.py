@@ -44,12 +44,10 @@ class FrameTracks:
 
     @classmethod
     def of(cls, ego: Any) -> FrameTracks:
-        """Those of the last step of an `EgoMotion`."""
-        return cls(
-            np.asarray(ego.previous_px, dtype=np.float64).reshape(-1, 2),
-            np.asarray(ego.present_px, dtype=np.float64).reshape(-1, 2),
-            np.asarray(ego.inliers, dtype=np.bool_).reshape(-1),
-        )
+        """Those of the last step of an `EgoMotion`; corners found on this frame are left out."""
+        tracks, agree = ego.tracks, np.asarray(ego.inliers, dtype=np.bool_)
+        old = tracks.age > 0
+        return cls(tracks.pixel_previous[old], tracks.pixel[old], agree[old])
 
 
 def draw_tracks(

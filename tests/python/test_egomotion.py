@@ -112,7 +112,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a video of 30 frames, depth, a camera and the truth."""
     folder = tmp_path_factory.mktemp("rendered")
     (folder / "cam.toml").write_text(CAMERA)
-    camera = vision.load_camera(folder / "cam.toml")
+    camera = vision.load_camera(folder / "cam.toml").camera
     scene = simulation.GroundScene(seed=5)
     images, truth = [], []
     (folder / "depth").mkdir()

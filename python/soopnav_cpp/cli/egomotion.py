@@ -79,8 +79,6 @@ class Result:
         Of the increments, where both are known.
     nees : ndarray, shape (n,), or None
     pictures : list of Picture
-    planes : Counter of str
-        What became of the plane fits.
     warnings : list of str
     """
 
@@ -93,7 +91,6 @@ class Result:
     errors: Array | None = None
     nees: Array | None = None
     pictures: list[Picture] = field(default_factory=list)
-    planes: Counter[str] = field(default_factory=Counter)
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -170,14 +167,13 @@ def _compare(result: Result) -> None:
 class _Depth:
     """Plane of each frame: of its depth, or one that is held."""
 
-    def __init__(self, ground: Ground, camera: Any, rate_hz: float) -> None:
+    def __init__(self, ground: Ground, file: vision.CameraFile, rate_hz: float) -> None:
         self._folder = None
         self._within_s = 0.6 / rate_hz
         self._missing = 0
         self.warnings: list[str] = []
-        self.planes: Counter[str] = Counter()
         if ground.depth is not None:
-            self._folder = io.read_depth(ground.depth, camera=vision.depth_intrinsics(camera))
+            self._folder = io.read_depth(ground.depth, camera=None if file.depth is None else file.depth.camera)
         else:
             assert ground.height_m is not None  # the command saw to it
             self._plane = vision.GroundPlane.from_tilt(
@@ -240,18 +236,21 @@ def follow(
     """
     if not vision.available():
         raise ValueError("egomotion needs OpenCV, and this build of soopnav is without it (SOOPNAV_WITH_OPENCV)")
-    camera = vision.load_camera(camera_path)
+    file = vision.load_camera(camera_path)
+    camera = file.camera
     video = io.read_video(path, rate_hz=rate_hz)
     if (video.width, video.height) != (camera.width, camera.height):
         raise ValueError(
             f"{camera_path}: a camera of {camera.width}×{camera.height}, but {path} has frames of "
             f"{video.width}×{video.height}"
         )
-    depth = _Depth(ground, camera, video.rate_hz / every)
-    options: dict[str, Any] = {"seed": seed}
-    if features is not None:
-        options["features"] = features
-    ego = vision.EgoMotion(camera, **options)
+    depth = _Depth(ground, file, video.rate_hz / every)
+    ego = vision.EgoMotion(
+        camera,
+        depth_offset_m=(0.0, 0.0, 0.0) if file.depth is None else file.depth.offset_m,
+        seed=seed,
+        tracker=None if features is None else {"tracks": features},
+    )
     walk, motions, pictures = Walk(), [], []
     warnings: list[str] = []
     total = math.ceil(video.expected / every) or None
@@ -285,7 +284,7 @@ def follow(
     if video.problem:
         warnings.append(video.problem)
     result = Result(video, camera, ground, motions, walk, pictures=pictures, warnings=[*warnings, *depth.warnings])
-    result.planes = depth.planes
+    walk.begin(0, [0.0, 0.0, file.heading_rad])
     if truth is not None:
         result.truth = _truth_at(truth, walk.t_s)
         known = np.flatnonzero(np.isfinite(result.truth).all(axis=1))

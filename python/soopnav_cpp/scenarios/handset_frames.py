@@ -41,8 +41,8 @@ def _seed(seed: int, *stream: int) -> int:
 def camera_of(scenario: HandsetScenario) -> Any:
     """The camera that the scenario names, or a pinhole of 640 x 480."""
     if scenario.camera.file is not None:
-        return vision.load_camera(scenario.camera.file)
-    return vision.Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+        return vision.load_camera(scenario.camera.file).camera
+    return vision.Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 
 
 def check(scenario: HandsetScenario) -> None:
@@ -179,7 +179,7 @@ def _follow(
                 )
             }  # fmt: skip
         else:
-            ground = {"plane": scene.true_plane(pose, **view)}
+            ground = {"plane": scene.true_plane(**view)}
         middle = time.thread_time()
         motion = ego.step(image, t_s=float(world.frame_s[k]), **ground)
         followed += time.thread_time() - middle
