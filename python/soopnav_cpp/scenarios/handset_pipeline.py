@@ -180,27 +180,27 @@ def walk(scenario: HandsetScenario, seed: int) -> Walk:
         heading_error_rad=math.radians(min(180.0, scenario.filter.heading_sigma_deg)),
         epoch_offset_s=_EPOCH_OFFSET_S,
     )
-    nodes, ranges = np.array(world.nodes_m), np.array(world.range_m)
-    position, pose = np.array(world.position_m), np.array(world.pose)
+    nodes, ranges = world.nodes_m, world.ranges_m
+    position, pose = world.position_m, world.pose
     if scenario.nodes.positions_m:  # the same walk, clock, excess and noise
         given = np.column_stack([np.array(scenario.nodes.positions_m), nodes[:, 2]])
         ranges = ranges + _distances(position, given) - _distances(position, nodes)
         nodes = given
     heading = np.interp(world.epoch_s, world.frame_s, np.unwrap(pose[:, 2]))
     return Walk(
-        frame_s=np.array(world.frame_s),
+        frame_s=world.frame_s,
         pose=pose,
-        epoch_s=np.array(world.epoch_s),
+        epoch_s=world.epoch_s,
         position_m=position,
         heading_rad=heading,
         nodes_m=nodes,
-        los=~np.array(world.blocked, dtype=np.bool_),
-        excess_m=np.array(world.excess_m),
+        los=~world.nlos.blocked,
+        excess_m=world.nlos.excess_m,
         range_m=ranges,
-        clock_m=np.array(world.clock_m),
-        increment=np.array(world.increment),
+        clock_m=world.clock_m,
+        increment=world.increments,
         told_heading_rad=world.told_heading_rad,
-        guarded=bool(world.guarded),
+        guarded=world.nlos.guarded,
     )
 
 
@@ -265,7 +265,7 @@ def _locators(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[Any, A
         "start_m": start,
         "start_sigma_m": scenario.filter.start_sigma_m,
         "clock_sigma_m": scenario.clock.start_sigma_m,
-        "clock_white_m2ps": scenario.clock.walk_m_per_sqrt_s**2,
+        "clock_walk_m2ps": scenario.clock.walk_m_per_sqrt_s**2,
     }
     locator = navigation.HandsetLocator(
         world.nodes_m,
@@ -331,8 +331,8 @@ def locate(scenario: HandsetScenario, world: Walk, observed: Observed, seed: int
         found.alone_m[k] = alone.estimate().position_m
         if k % every == 0 or k == n - 1:
             cloud = locator.particles(draw=True)
-            stride = max(1, len(cloud.x_m) // _CLOUD)
-            found.clouds.append((float(world.epoch_s[k]), np.column_stack([cloud.x_m, cloud.y_m])[::stride]))
+            stride = max(1, cloud.shape[1] // _CLOUD)
+            found.clouds.append((float(world.epoch_s[k]), cloud[:2, ::stride].T.copy()))
     found.filter_s = time.perf_counter() - began
     _agree(observed, found.statuses)
     return found
