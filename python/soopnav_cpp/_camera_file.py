@@ -72,6 +72,16 @@ class CameraFile:
     depth: DepthCamera | None = None
     heading_rad: float = 0.0
 
+    @property
+    def width(self) -> int:
+        """Of the camera's images [px]."""
+        return self.camera.width
+
+    @property
+    def height(self) -> int:
+        """Of the camera's images [px]."""
+        return self.camera.height
+
 
 def _models() -> Any:
     """The file's model; pydantic comes with the extra ``cli``."""

@@ -37,6 +37,7 @@ __all__ = [
     "TrackedFrame",
     "Tracks",
     "available",
+    "depth_intrinsics",
     "load_camera",
     "opencv_version",
     "save_camera",
@@ -49,6 +50,11 @@ _Image = npt.NDArray[np.uint8]
 def available() -> bool:
     """Whether this build can follow corners: it was made with OpenCV. All else here works without."""
     return _vision.tracking_available()
+
+
+def depth_intrinsics(camera: CameraFile) -> Camera | None:
+    """The lens of the depth camera beside an image's camera, where its file has one."""
+    return None if camera.depth is None else camera.depth.camera
 
 
 def opencv_version() -> str:
@@ -142,9 +148,11 @@ class EgoMotion:
 
     Parameters
     ----------
-    camera : Camera
-    depth_offset_m : array_like, shape (3,)
-        Origin of the depth camera in axes of `camera`, used with ``points``.
+    camera : Camera or CameraFile
+    depth_offset_m : array_like, shape (3,), optional
+        Origin of the depth camera in axes of `camera`, used with ``points``; by default what the camera's file says.
+    features : int, optional
+        Corners wanted at a time, 300 by default.
     seed : int
         Of the random choices; the same seed and frames give the same bits.
     tracker : dict, optional
@@ -155,7 +163,7 @@ class EgoMotion:
         coasting; ``surprise_mps`` [0.5] and ``rival_share`` [0.2] of a second motion in the image;
         ``plane_sigma_m`` [0.0005], ``plane_sigma_per_m`` [0.0014], ``plane_min_share`` [0.2], ``max_tilt_rad`` [0.785],
         ``min_height_m`` [0.05], ``max_height_m`` [10] of the plane; ``inlier_px`` [1], ``min_sigma_px`` [0.01],
-        ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1], ``height_sigmas`` [6] and
+        ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1.5], ``height_sigmas`` [6] and
         ``height_tolerance`` [0.01] of the motion.
 
     Raises
@@ -168,18 +176,26 @@ class EgoMotion:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: Camera | CameraFile,
         *,
-        depth_offset_m: npt.ArrayLike = (0.0, 0.0, 0.0),
+        depth_offset_m: npt.ArrayLike | None = None,
+        features: int | None = None,
         seed: int = 0,
         tracker: dict[str, float] | None = None,
         **options: float,
     ) -> None:
-        offset: _Floats = np.asarray(depth_offset_m, np.float64)
+        if isinstance(camera, CameraFile):
+            if depth_offset_m is None and camera.depth is not None:
+                depth_offset_m = camera.depth.offset_m
+            camera = camera.camera
+        offset: _Floats = np.asarray((0.0, 0.0, 0.0) if depth_offset_m is None else depth_offset_m, np.float64)
         if offset.shape != (3,) or not np.isfinite(offset).all():
             raise ValueError(f"depth_offset_m: three finite numbers expected, got {depth_offset_m!r}")
         every: dict[str, Any] = {"depth_offset_m": tuple(offset.tolist()), "seed": seed, **options}
-        self._core = _vision.EgoMotion(camera, tracker or {}, every)
+        corners = dict(tracker or {})
+        if features is not None:
+            corners["tracks"] = features
+        self._core = _vision.EgoMotion(camera, corners, every)
         self._camera = camera
         self._frames = 0
 

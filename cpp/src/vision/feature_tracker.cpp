@@ -18,12 +18,13 @@ namespace {
 constexpr double kMostlyAlike = 0.98;  // share of pixels that makes a frame dark or saturated
 constexpr int kDarkLevel = 6;
 constexpr int kSaturatedLevel = 249;
+constexpr double kMiddleLevel = 128.0;
 constexpr double kFlatEnergy = 0.02;   // mean squared gradient [levels^2/px^2]: less than the noise of any camera
 constexpr double kBlurredBelow = 0.3;  // of the usual sharpness
 constexpr double kSharpnessMemory = 0.1;
 constexpr double kWellFollowed = 0.5;  // share of tracks below which another start is tried
 constexpr double kLeastFollowed = 0.05;
-constexpr int kPredictedLevels = 1;
+constexpr int kPredictedLevels = 3;
 constexpr int kQuarter = 4;
 
 [[noreturn]] void refuse(const char* name, const std::string& value, const char* rule) {
@@ -217,6 +218,10 @@ class FeatureTracker::Impl {
     } else {
       current_.raw.copyTo(current_.smooth);
     }
+    // Less the mean of the surroundings: a flickering lamp would move the patches that have little to hold on to.
+    const int reach = 2 * options_.window_px + 1;
+    cv::blur(current_.smooth, mean_, {reach, reach});
+    cv::addWeighted(current_.smooth, 1.0, mean_, -1.0, kMiddleLevel, current_.smooth);
     current_.levels = cv::buildOpticalFlowPyramid(current_.smooth, current_.pyramid, window(), options_.levels, true,
                                                   cv::BORDER_REFLECT_101, cv::BORDER_CONSTANT, false);
   }
@@ -486,7 +491,7 @@ class FeatureTracker::Impl {
   std::vector<cv::Point2f> from_;
   std::vector<double> flows_;
   Attempt best_, other_;
-  cv::Mat eigenvalues_, taken_, hann_, small_, small_reference_, small_current_;
+  cv::Mat mean_, eigenvalues_, taken_, hann_, small_, small_reference_, small_current_;
   std::vector<int> in_cell_;
   std::vector<Corner> corners_;
 };

@@ -16,8 +16,10 @@ namespace soopnav::vision {
 
 struct EgoMotionOptions {
   FeatureTrackerOptions tracker;
-  PlaneOptions plane;        ///< of the ground from depth points
-  RigidMotionOptions rigid;  ///< of the motion from tracks
+  PlaneOptions plane;  ///< of the ground from depth points
+  /// Of the motion from tracks. Patches that overlap, and what lighting leaves, share errors: their covariance is
+  /// inflated 1.5 times, which holds the NEES per number between 0.7 and 1.5 (doc/feature_tracks.md).
+  RigidMotionOptions rigid = inflated();
   /// Origin of the depth camera in axes of the image's camera [m], whose axes it shares: nielsen's IR beside RGB.
   Eigen::Vector3d depth_offset_m = Eigen::Vector3d::Zero();
   int min_age = 2;         ///< frames a track must have lived before it counts, where enough have (nielsen §4.2.2)
@@ -32,6 +34,12 @@ struct EgoMotionOptions {
   /// move.
   double surprise_mps = 0.5;
   double rival_share = 0.2;  ///< of the tracks, from which on a second motion is looked for
+
+  [[nodiscard]] static RigidMotionOptions inflated() {
+    RigidMotionOptions options;
+    options.track_inflation = 1.5;
+    return options;
+  }
 };
 
 /// Motion of a camera over the ground from its images and the ground plane (nielsen §4.1-4.2): corners followed, rays
