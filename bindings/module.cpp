@@ -44,6 +44,8 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_gps(gps);
   soopnav::python::register_inertial(inertial);
   soopnav::python::register_lte(lte);
+  soopnav::python::register_lte_paths(lte);
+  soopnav::python::register_lte_tracking(lte);
   soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_indoor(simulation);

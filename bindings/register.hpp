@@ -32,6 +32,8 @@ void register_inertial(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
 void register_kalman_report(pybind11::module_& module);
 void register_lte(pybind11::module_& module);
+void register_lte_paths(pybind11::module_& module);
+void register_lte_tracking(pybind11::module_& module);
 void register_measurement(pybind11::module_& module);
 void register_multiple_model(pybind11::module_& module);
 void register_navigation(pybind11::module_& module);

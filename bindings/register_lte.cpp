@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "array.hpp"
+#include "lte_errors.hpp"
 #include "register.hpp"
 #include "soopnav/waveform/lte/search.hpp"
 #include "soopnav/waveform/lte/sequences.hpp"
@@ -36,12 +37,6 @@ using lte::Detection;
 using lte::Duplex;
 using lte::Path;
 using lte::TimeOfArrival;
-
-/// The cell asked for is not in the samples.
-class CellLost : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
 
 /// printf into a string; what is longer than 255 characters is cut.
 template <class... Values>

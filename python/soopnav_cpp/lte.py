@@ -28,6 +28,7 @@ from soopnav_cpp._core.lte import (
     Synthesizer,
     TimeOfArrival,
 )
+from soopnav_cpp._lte_paths import PathResolver, ResolvedPaths, ResolveStatus, Snapshot, SnapshotRanger, resolve_paths
 
 __all__ = [
     "CellLostError",
@@ -36,7 +37,12 @@ __all__ = [
     "Detection",
     "Duplex",
     "Path",
+    "PathResolver",
+    "ResolveStatus",
+    "ResolvedPaths",
     "Searcher",
+    "Snapshot",
+    "SnapshotRanger",
     "SubframeToa",
     "SubframeToaEstimator",
     "SyncPorts",
@@ -46,6 +52,7 @@ __all__ = [
     "crs",
     "noise_variance_for_snr",
     "pss",
+    "resolve_paths",
     "resource_grid",
     "search",
     "sss",

@@ -9,8 +9,6 @@
 
 namespace soopnav::lte {
 
-namespace {
-// Level that the largest of `trials` sums of `ports` unit exponentials exceeds with probability `p`.
 double noise_level(int ports, double trials, double p) {
   double x = 1.0;
   for (int i = 0; i < 100; ++i) {  // survival = exp(-x) sum_{k < ports} x^k / k!; fixed point of its logarithm
@@ -25,7 +23,6 @@ double noise_level(int ports, double trials, double p) {
   }
   return x;
 }
-}  // namespace
 
 PathModel::PathModel() {
   for (auto& a : amplitudes_) a.resize(0);

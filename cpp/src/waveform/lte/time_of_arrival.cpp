@@ -13,33 +13,13 @@
 #include "waveform/lte/kernels.hpp"
 #include "waveform/lte/link_tracker.hpp"
 #include "waveform/lte/path_model.hpp"
+#include "waveform/lte/subframe_reader.hpp"
 
 namespace soopnav::lte {
 
 namespace {
 
 constexpr std::size_t kBlock = 10;  // frames whose channel is taken as one
-
-// Transform size whose rate is the nearest multiple of 1.92 Msps not below the capture's.
-int fft_size_for(double sample_rate_hz) {
-  return 128 * static_cast<int>(std::ceil(sample_rate_hz / kBaseRateHz - 1e-9));
-}
-
-// Resource blocks that a capture of this rate holds of a cell's: all, if its filters were made for it, else what lies
-// well inside the band.
-int usable_rb(int n_rb, double sample_rate_hz) {
-  constexpr double kRbHz = 180e3;
-  if (n_rb * kRbHz <= 0.96 * sample_rate_hz) return n_rb;
-  return std::clamp(static_cast<int>(0.8 * sample_rate_hz / kRbHz), 6, n_rb);
-}
-
-bool is_cell(const Detection& cell) {
-  const int n_rb = cell.n_rb.value_or(6), n_ports = cell.n_ports.value_or(1);
-  return cell.cell_id >= 0 && cell.cell_id < kCells &&
-         std::find(kBandwidthsRb.begin(), kBandwidthsRb.end(), n_rb) != kBandwidthsRb.end() &&
-         (n_ports == 1 || n_ports == 2 || n_ports == 4) && std::isfinite(cell.frame_start_s) &&
-         std::isfinite(cell.cfo_hz) && std::abs(cell.clock_error_ppm) < 1e5;
-}
 
 void require_rate(double sample_rate_hz) {
   if (!(sample_rate_hz >= 1.4e6 && sample_rate_hz <= 100e6)) {
@@ -213,32 +193,13 @@ ToaStatus ToaEstimator::estimate(IqSpan iq, const Detection& cell, TimeOfArrival
 }
 
 struct SubframeToaEstimator::Impl {
-  Impl(double rate, const Detection& cell)
-      : fft_size(fft_size_for(rate)), rate_hz(rate), ports(cell.n_ports.value_or(1)), tracker(fft_size) {
-    tracker.configure({cell.cell_id, cell.cp, cell.duplex, usable_rb(cell.n_rb.value_or(6), rate), ports});
-    first.resize(static_cast<std::size_t>(tracker.elements() * ports));
-  }
-  int fft_size;
-  double rate_hz;
-  int ports;
-  CrsTracker tracker;
+  Impl(double rate, const Detection& cell) : reader(rate, cell) {}
+  SubframeReader reader;
   CoarseDelay coarse;
-  std::vector<Cf32> first;  // channel of the first slot, then of both
 };
 
 SubframeToaEstimator::SubframeToaEstimator(double sample_rate_hz, const Detection& cell) {
-  require_rate(sample_rate_hz);
-  if (!is_cell(cell)) {
-    throw std::invalid_argument(
-        "cell: identity " + std::to_string(cell.cell_id) + ", " + std::to_string(cell.n_rb.value_or(6)) + " blocks, " +
-        std::to_string(cell.n_ports.value_or(1)) +
-        " ports; identity 0 ... 503, 6, 15, 25, 50, 75 or 100 blocks, 1, 2 or 4 ports expected");
-  }
-  const double multiple = sample_rate_hz / kBaseRateHz;
-  if (std::abs(multiple - std::round(multiple)) > 1e-9) {
-    throw std::invalid_argument("sample_rate_hz: " + std::to_string(sample_rate_hz) +
-                                "; a multiple of 1.92e6 expected");
-  }
+  require_receivable(sample_rate_hz, cell);
   impl_ = std::make_unique<Impl>(sample_rate_hz, cell);
 }
 SubframeToaEstimator::~SubframeToaEstimator() = default;
@@ -246,74 +207,26 @@ SubframeToaEstimator::SubframeToaEstimator(SubframeToaEstimator&&) noexcept = de
 SubframeToaEstimator& SubframeToaEstimator::operator=(SubframeToaEstimator&&) noexcept = default;
 
 std::optional<SubframeToa> SubframeToaEstimator::estimate(IqSpan iq, int subframe, double start_s, double cfo_hz) {
-  Impl& m = *impl_;
+  SubframeReader& reader = impl_->reader;
   if (subframe < 0 || subframe > 9 || !std::isfinite(start_s) || !std::isfinite(cfo_hz)) return std::nullopt;
-  LinkState state;
-  state.frame_start = (start_s - subframe * 1e-3) * m.rate_hz;
-  state.frequency = cfo_hz / m.rate_hz;
-
-  // Each slot holds the whole comb of ports 0 and 1. What turns the second against the first is the offset that is
-  // left.
-  const auto elements = static_cast<std::size_t>(m.tracker.elements());
-  if (!m.tracker.read_slots(iq, state, 0, 2 * subframe, 1)) return std::nullopt;
-  for (int p = 0; p < m.ports; ++p) {
-    std::copy_n(m.tracker.channel(0, p), elements, m.first.begin() + static_cast<std::ptrdiff_t>(elements) * p);
-  }
-  if (!m.tracker.read_slots(iq, state, 0, 2 * subframe + 1, 1)) return std::nullopt;
-  const int pairs = std::min(m.ports, 2);  // ports whose whole comb is in each slot
-  Cf32 turn{};
-  for (int p = 0; p < pairs; ++p) {
-    turn +=
-        kernels::dot_conj(m.tracker.channel(0, p), m.first.data() + elements * static_cast<std::size_t>(p), elements);
-  }
-  const double phase = static_cast<double>(std::arg(turn));
-  const auto cis = [](double x) { return Cf32(static_cast<float>(std::cos(x)), static_cast<float>(std::sin(x))); };
-  // The second reference symbol of a slot lies four of seven (three of six) symbols later, that of ports 2 and 3 one.
-  const bool normal = m.tracker.cell().cp == CyclicPrefix::kNormal;
-  const double share = normal ? 549.0 / 960.0 : 0.5, share_of_second = normal ? 137.0 / 960.0 : 1.0 / 6.0;
+  const double rate_hz = reader.rate_hz();
+  if (!reader.read(iq, subframe, start_s * rate_hz, cfo_hz / rate_hz, true)) return std::nullopt;
   std::array<const Cf32*, kMaxPorts> y{};
-  double energy = 0.0, noise = 0.0;
-  for (int p = 0; p < m.ports; ++p) {
-    Cf32* a = m.first.data() + elements * static_cast<std::size_t>(p);
-    const Cf32* b = m.tracker.channel(0, p);
-    const int early = m.tracker.parity(p, 2 * subframe, p < 2 ? 0 : 2);  // elements of the first slot's earlier symbol
-    for (int half = 0; half < 2; ++half) {
-      if (p < 2) {
-        const Cf32 back = cis(half == early ? 0.0 : -phase * share);
-        const Cf32 back_second = kernels::multiply(back, cis(-phase));
-        for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
-          const Cf32 x = kernels::multiply(a[j], back);
-          const Cf32 z = kernels::multiply(b[j], back_second);
-          noise += static_cast<double>(std::norm(x - z));
-          a[j] = 0.5F * (x + z);
-        }
-      } else {
-        // Each element once, in one of the slots: scaled to the noise of a mean of two.
-        const Cf32* from = half == early ? a : b;
-        const Cf32 back = cis(-phase * (share_of_second + (half == early ? 0.0 : 1.0))) * std::sqrt(0.5F);
-        for (std::size_t j = static_cast<std::size_t>(half); j < elements; j += 2) {
-          a[j] = kernels::multiply(from[j], back);
-        }
-      }
-    }
-    y[static_cast<std::size_t>(p)] = a;
-    energy += kernels::energy(a, elements);
-  }
-  if (!std::isfinite(energy) || !(energy > 0.0)) return std::nullopt;
-  noise /= 2.0 * static_cast<double>(elements) * pairs;
-  const double start = m.coarse.estimate(y.data(), m.ports, m.tracker.elements(), m.fft_size);
-  const DelayFit fit = refine_delay(y.data(), nullptr, m.ports, m.tracker.element_frequencies().data(),
-                                    m.tracker.elements(), m.fft_size, start);
+  for (int p = 0; p < reader.ports(); ++p) y[static_cast<std::size_t>(p)] = reader.channel(p);
+  const double start = impl_->coarse.estimate(y.data(), reader.ports(), reader.elements(), reader.fft_size());
+  const DelayFit fit = refine_delay(y.data(), nullptr, reader.ports(), reader.frequencies().data(), reader.elements(),
+                                    reader.fft_size(), start);
   if (!fit.converged) return std::nullopt;
   // sigma^2 = noise / (2 sum_p |a_p|^2 B), B the effective squared bandwidth sum; fit.power = sum_p |count a_p|^2.
-  const double signal = fit.power / m.tracker.elements();
-  const double weight = m.ports > 2 ? 3.0 : m.ports;
+  const double signal = fit.power / reader.elements();
+  const double noise = reader.noise_variance();
   SubframeToa out;
-  out.toa_s = start_s + fit.tau / m.rate_hz;
-  out.sigma_s = std::sqrt(0.5 * noise / (2.0 * signal * fit.curvature)) / m.rate_hz;
+  out.toa_s = start_s + fit.tau / rate_hz;
+  out.sigma_s = std::sqrt(0.5 * noise / (2.0 * signal * fit.curvature)) / rate_hz;
   out.noise_variance = noise;
-  out.residual_cfo_hz = phase / (2.0 * std::numbers::pi * 0.5e-3);
-  out.snr_db = 10.0 * std::log10(std::max(1e-9, (signal / m.tracker.elements() / weight) / std::max(noise, 1e-30)));
+  out.residual_cfo_hz = reader.turn_rad() / (2.0 * std::numbers::pi * 0.5e-3);
+  out.snr_db =
+      10.0 * std::log10(std::max(1e-9, (signal / reader.elements() / reader.port_weight()) / std::max(noise, 1e-30)));
   return out;
 }
 
