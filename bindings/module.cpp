@@ -1,5 +1,6 @@
 #include <pybind11/pybind11.h>
 
+#include "indoor.hpp"
 #include "register.hpp"
 
 namespace py = pybind11;
@@ -49,6 +50,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_ofdm(ofdm);
   soopnav::python::register_simulation(simulation);
   soopnav::python::register_indoor(simulation);
+  soopnav::python::register_sounding(simulation);
   soopnav::python::register_gnss_simulation(simulation);
   soopnav::python::register_handset_world(simulation);
   soopnav::python::register_trajectory(simulation);
@@ -58,6 +60,7 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_aperture_link(simulation);
   soopnav::python::register_navigation(navigation);
   soopnav::python::register_handset(navigation);
+  soopnav::python::register_node_mapper(navigation);
   soopnav::python::register_source(navigation);
   soopnav::python::register_ofdm_inertial(navigation);
   soopnav::python::register_strapdown(navigation);

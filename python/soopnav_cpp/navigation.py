@@ -14,6 +14,7 @@ from soopnav_cpp._handset import (
     HandsetStatus,
     HandsetUse,
 )
+from soopnav_cpp._node_mapping import NodeMap, NodeMapStatus, NodeStart, locate_nodes, start_node
 from soopnav_cpp._ofdm_inertial import (
     ImuCounts,
     LinkReport,
@@ -47,6 +48,9 @@ __all__ = [
     "HandsetUse",
     "ImuCounts",
     "LinkReport",
+    "NodeMap",
+    "NodeMapStatus",
+    "NodeStart",
     "NodeUse",
     "OfdmInertialNavigator",
     "OfdmInertialRun",
@@ -67,9 +71,11 @@ __all__ = [
     "TrackState",
     "cep",
     "likelihood_surface",
+    "locate_nodes",
     "locate_source",
     "position_fix",
     "source_crlb",
+    "start_node",
     "strapdown_errors",
 ]
 

@@ -21,6 +21,7 @@ from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._ground_scene import GroundObject, GroundScene
 from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
+from soopnav_cpp._sounding import ChannelSounder, EmulatedChannels, SoundingRecord, ToneSweep, subcarrier_hz, turntable
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
 
@@ -28,6 +29,8 @@ __all__ = [
     "ApertureSnapshots",
     "ArrayLink",
     "BoundarySeries",
+    "ChannelSounder",
+    "EmulatedChannels",
     "FrontEnd",
     "GnssObservables",
     "GroundObject",
@@ -46,8 +49,10 @@ __all__ = [
     "PlanarTrajectory",
     "RoomWall",
     "SensorErrorModel",
+    "SoundingRecord",
     "SpatialMotion",
     "SpatialTrajectory",
+    "ToneSweep",
     "add_awgn",
     "aperture_snapshots",
     "apply_cfo",
@@ -66,7 +71,9 @@ __all__ = [
     "ricean_reflections",
     "simulate_gnss",
     "slab_response",
+    "subcarrier_hz",
     "thermal_noise_dbm",
+    "turntable",
 ]
 
 _Iq = npt.NDArray[np.complex64]

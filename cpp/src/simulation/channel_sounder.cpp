@@ -276,7 +276,7 @@ ChannelEmulator::ChannelEmulator(std::span<const double> line_hz, std::span<cons
   Solver& s = *solver_;
   s.size = line_hz.size();
   const double half = 0.5 * o.bandwidth_hz;
-  const double reach = half + std::max(1e6, 0.1 * o.bandwidth_hz);
+  const double reach = half + std::max(3e6, 0.1 * o.bandwidth_hz);
   const double least = strongest * std::pow(10.0, 0.05 * o.null_db);
   double low = line_hz.front() - spacing, high = line_hz.back() + spacing;  // nulls that end the usable band
   for (std::size_t m = 0; m < s.size; ++m) {

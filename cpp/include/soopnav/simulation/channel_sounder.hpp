@@ -29,7 +29,7 @@ struct SounderOptions {
   double headroom = 4.0;             ///< converter's full scale over the pulse's peak at the reference gain
   double guard_s = 1e-3;             ///< wait after switching the transmitter's port
   double switch_time_s = 50e-6;      ///< by which the port before fades by e
-  double isolation_db = 60.0;        ///< between ports, in the end
+  double isolation_db = 80.0;        ///< between ports, in the end
   double phase_noise_rad = 0.005;    ///< of the synthesizers, white from period to period
   bool shared_reference = true;      ///< one 10 MHz TCXO for both ends, as nielsen builds it; else they drift apart:
   double clock_rad_per_sqrt_s = 7.5;  ///< ... by this random walk: a TCXO of 6e-10 at 2 GHz
@@ -117,9 +117,9 @@ struct EmulatorOptions {
 ///
 ///     y_m = S_m sum_d h_d e^{-j 2 pi f_m t_d} + noise   ->   h = (A^H A + D noise_to_signal max|S|^2 I)^-1 A^H y
 ///
-/// over the lines in the band and 10-20 % beyond it. The taps lie 1 / (2.5 times the band's width) apart, so that two
-/// are spent where one bandwidth can resolve one: paths between them are met. Lines in a null are named, not divided
-/// by.
+/// over the lines in the band and 3 MHz (or a tenth) beyond it, so that the wanted band's edges are no edges of the fit.
+/// The taps lie 1.25 times closer than the width of those lines resolves: paths between them are met. Lines in a null
+/// are named, not divided by.
 class ChannelEmulator {
  public:
   /// @throws std::invalid_argument naming the option, when lines and reference differ in size or are not finite, when
