@@ -42,6 +42,7 @@ struct Block {
   double* rows;
   const HandsetLayout& at;
   int first_boolean;
+  int active;  ///< numbers in use: without the foot point's, which are the last, while planes are exact
 
   [[nodiscard]] SOOPNAV_INLINE double* row(int r) const noexcept {
     return rows + static_cast<std::ptrdiff_t>(r) * HandsetCloud::kLanes;
@@ -60,19 +61,19 @@ struct Block {
   SOOPNAV_INLINE void couple(int t, int s, const Lanes& k) const noexcept {
     const Lanes ts = cov(t, s), ss = cov(s, s);
     add_cov(t, t, k * (Lanes(2.0) * ts + k * ss));
-    for (int j = 0; j < at.size; ++j) {
+    for (int j = 0; j < active; ++j) {
       if (j != t) add_cov(t, j, k * cov(s, j));
     }
   }
   /// Number `i` becomes independent, of this mean and variance.
   SOOPNAV_INLINE void renew(int i, const Lanes& value, const Lanes& variance) const noexcept {
-    for (int j = 0; j < at.size; ++j) set_cov(i, j, Lanes(0.0));
+    for (int j = 0; j < active; ++j) set_cov(i, j, Lanes(0.0));
     set_mean(i, value);
     set_cov(i, i, variance);
   }
   /// The same where `mask` holds.
   SOOPNAV_INLINE void renew(int i, double value, double variance, const Lanes::Mask& mask) const noexcept {
-    for (int j = 0; j < at.size; ++j) {
+    for (int j = 0; j < active; ++j) {
       set_cov(i, j, select(mask, Lanes(i == j ? variance : 0.0), cov(i, j)));
     }
     set_mean(i, select(mask, Lanes(value), mean(i)));
@@ -92,7 +93,7 @@ struct Slope {
   }
   /// P hᵀ into `ph`, and h P hᵀ.
   [[nodiscard]] SOOPNAV_INLINE Lanes spread(const Block& block, Lanes* ph) const noexcept {
-    for (int i = 0; i < block.at.size; ++i) {
+    for (int i = 0; i < block.active; ++i) {
       Lanes sum = block.cov(i, number[0]) * by[0];
       for (int k = 1; k < n; ++k) sum += block.cov(i, number[k]) * by[k];
       ph[i] = sum;
@@ -108,7 +109,7 @@ SOOPNAV_INLINE void correct(const Block& block, const Lanes* ph, const Lanes& in
                             const Lanes& over_s) noexcept {
   const Lanes step = innovation * over_s;
   double* cell = block.row(block.at.size);
-  for (int i = 0; i < block.at.size; ++i) {
+  for (int i = 0; i < block.active; ++i) {
     block.add_mean(i, ph[i] * step);
     const Lanes k = ph[i] * over_s;
     for (int j = 0; j <= i; ++j, cell += HandsetCloud::kLanes) (Lanes::load(cell) - k * ph[j]).store(cell);
@@ -213,7 +214,8 @@ struct MotionWork {
       const Lanes turn = block.mean(at.turn);
       const auto [s, c] = sincos(block.mean(at.heading) - turn);
       const auto [sin_turn, cos_turn] = sincos(turn);
-      const Lanes dx = block.mean(at.dx), dy = block.mean(at.dy), e0 = block.mean(f), e1 = block.mean(f + 1);
+      const Lanes dx = block.mean(at.dx), dy = block.mean(at.dy);
+      const Lanes e0 = foot ? block.mean(f) : Lanes(0.0), e1 = foot ? block.mean(f + 1) : Lanes(0.0);
       const Lanes first = c * dx + s * dy, second = c * dy - s * dx;
       const Lanes a(whitener(r, 0)), b(whitener(r, 1)), d(whitener(r, 2));
       const Lanes innovation = a * (Lanes(z[0]) - turn) + b * (Lanes(z[1]) - first - (cos_turn * e0 - sin_turn * e1)) +
@@ -433,7 +435,7 @@ struct RangeWork : LinkWork {
     const auto is_blocked = (!clear) & ((drawn < either) | (drawn < either + floor * blocked));
     out += select(used, Lanes(0.0), Lanes(1.0));
     const Lanes with = select(is_blocked & used, Lanes(1.0), Lanes(0.0));
-    for (int i = 0; i < at.size; ++i) ph[i] += with * block.cov(e, i);
+    for (int i = 0; i < block.active; ++i) ph[i] += with * block.cov(e, i);
     const Lanes s = select(is_blocked, s1, s0);
     correct(block, ph, select(is_blocked, v1, v0), select(used, Lanes(1.0) / s, Lanes(0.0)));
     block.renew(e, excess_mean, excess_variance, !is_blocked);

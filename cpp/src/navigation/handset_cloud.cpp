@@ -133,7 +133,8 @@ void HandsetCloud::remember_places() noexcept {
 // The walk over the blocks, for the widest vectors of the machine: the same bits with any (core/packet.hpp).
 struct CloudBlocks {
   static Block block(HandsetCloud& c, std::size_t b) noexcept {
-    return {c.data_.data() + b * static_cast<std::size_t>(c.rows_) * HandsetCloud::kLanes, c.at_, c.first_boolean_};
+    return {c.data_.data() + b * static_cast<std::size_t>(c.rows_) * HandsetCloud::kLanes, c.at_, c.first_boolean_,
+            c.at_.size - (c.feet_ ? 0 : 2)};
   }
   template <class Work>
   SOOPNAV_INLINE static void all(HandsetCloud& c, const Work& work) noexcept {
@@ -166,7 +167,8 @@ void each(HandsetCloud& c, const Work& work) noexcept {
 void HandsetCloud::move(const HandsetMotion& motion) noexcept {
   const bool feet = motion.foot_covariance.cwiseAbs().maxCoeff() > 0.0;
   remember_places();
-  each(*this, MoveWork{motion, feet || feet_});
+  feet_ = feet_ || feet;
+  each(*this, MoveWork{motion, feet_});
   feet_ = feet;
 }
 
@@ -178,7 +180,8 @@ void HandsetCloud::advance(double dt_s) noexcept {
 
 void HandsetCloud::observe_motion(const HandsetMotion& motion) noexcept {
   const bool feet = motion.foot_covariance.cwiseAbs().maxCoeff() > 0.0;
-  each(*this, MotionWork(motion, feet || feet_));
+  feet_ = feet_ || feet;
+  each(*this, MotionWork(motion, feet_));
   feet_ = feet;
 }
 
@@ -198,8 +201,8 @@ void HandsetCloud::leave_foot() noexcept {
 
 void HandsetCloud::enter_foot(const Eigen::Matrix2d& covariance) noexcept {
   if (!(covariance.cwiseAbs().maxCoeff() > 0.0)) return;
-  each(*this, EnterFootWork{covariance});
   feet_ = true;
+  each(*this, EnterFootWork{covariance});
 }
 
 void HandsetCloud::age_links(double dt_s) noexcept {

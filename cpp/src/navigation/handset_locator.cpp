@@ -166,6 +166,7 @@ struct HandsetLocator::Impl {
   HandsetOptions options;
   detail::HandsetCloud cloud;
   RandomStream plot;
+  mutable std::vector<Eigen::Vector2d> places;  // scratch of estimate()
   // Times: of the state, of the last frame, of the last radio epoch; NaN before the first.
   double now = 0.0, frame = 0.0, epoch = 0.0;
   bool started = false, chained = false;  // chained: the next increment starts at the state
@@ -173,7 +174,7 @@ struct HandsetLocator::Impl {
   double turn_radps = 0.0;
   int bad_epochs = 0;
 
-  explicit Impl(const HandsetOptions& o) : options((o.check(), o)), cloud(o) { reset(o.seed); }
+  explicit Impl(const HandsetOptions& o) : options((o.check(), o)), cloud(o), places(o.particles) { reset(o.seed); }
 
   void reset(std::uint64_t seed) noexcept {
     options.seed = seed;
@@ -364,27 +365,25 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
   const Eigen::Vector2d way = ahead(e.t_s);
   const bool feet = cloud.feet() && !type2();
   // A particle's place now, and its covariance.
-  const auto place = [&](std::size_t i, Eigen::Matrix2d* own) {
+  const auto place = [&](std::size_t i, Eigen::Matrix2d& own) {
     const double a = cloud.mean(i, at.heading);
     Eigen::Matrix2d R;
     R << std::cos(a), -std::sin(a), std::sin(a), std::cos(a);
     Eigen::Vector2d b = std::isfinite(way[0]) ? way : Eigen::Vector2d::Zero();
     if (feet) b -= Eigen::Vector2d(cloud.mean(i, at.foot), cloud.mean(i, at.foot + 1));
-    if (own != nullptr) {
+    for (int r = 0; r < 2; ++r) {
+      for (int c = 0; c < 2; ++c) own(r, c) = cloud.covariance(i, r, c);
+    }
+    if (feet) {
+      Eigen::Matrix2d cross, foot;
       for (int r = 0; r < 2; ++r) {
-        for (int c = 0; c < 2; ++c) (*own)(r, c) = cloud.covariance(i, r, c);
-      }
-      if (feet) {
-        Eigen::Matrix2d cross, foot;
-        for (int r = 0; r < 2; ++r) {
-          for (int c = 0; c < 2; ++c) {
-            cross(r, c) = cloud.covariance(i, r, at.foot + c);
-            foot(r, c) = cloud.covariance(i, at.foot + r, at.foot + c);
-          }
+        for (int c = 0; c < 2; ++c) {
+          cross(r, c) = cloud.covariance(i, r, at.foot + c);
+          foot(r, c) = cloud.covariance(i, at.foot + r, at.foot + c);
         }
-        const Eigen::Matrix2d mixed = cross * R.transpose();
-        *own += R * foot * R.transpose() - mixed - mixed.transpose();
       }
+      const Eigen::Matrix2d mixed = cross * R.transpose();
+      own += R * foot * R.transpose() - mixed - mixed.transpose();
     }
     return Eigen::Vector2d(Eigen::Vector2d(cloud.mean(i, at.x), cloud.mean(i, at.y)) + R * b);
   };
@@ -399,7 +398,8 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
     if (w > cloud.weight(heaviest)) heaviest = i;
     if (!(w > 0.0)) continue;
     Eigen::Matrix2d own;
-    mean += w * place(i, &own);
+    places[i] = place(i, own);
+    mean += w * places[i];
     within += w * own;
     const double a = cloud.mean(i, at.heading);
     const double damped = w * std::exp(-0.5 * cloud.covariance(i, at.heading, at.heading));
@@ -434,7 +434,7 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
   for (std::size_t i = 0; i < n; ++i) {
     const double w = cloud.weight(i);
     if (!(w > 0.0)) continue;
-    const Eigen::Vector2d d = place(i, nullptr) - mean;
+    const Eigen::Vector2d d = places[i] - mean;
     between += w * d * d.transpose();
     clock_square += w * std::pow(cloud.mean(i, at.clock) - clock, 2);
     for (int l = 0; l < at.links; ++l) {
@@ -461,7 +461,7 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
   e.clock_sigma_m = std::sqrt(clock_square);
   e.ess = cloud.ess();
   // The heaviest particle's surroundings, once recentred.
-  e.mode_m = place(heaviest, nullptr);
+  e.mode_m = places[heaviest];
   for (int pass = 0; pass < 2; ++pass) {
     const Eigen::Matrix2d near = within + 0.01 * Eigen::Matrix2d::Identity();
     const Eigen::LLT<Eigen::Matrix2d> root(near);
@@ -470,7 +470,7 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
     for (std::size_t i = 0; i < n; ++i) {
       const double w = cloud.weight(i);
       if (!(w > 0.0)) continue;
-      const Eigen::Vector2d p = place(i, nullptr);
+      const Eigen::Vector2d& p = places[i];
       if (root.matrixL().solve(p - e.mode_m).squaredNorm() > 9.0) continue;
       centre += w * p;
       share += w;

@@ -1,0 +1,371 @@
+"""A handset with a camera among LTE nodes: nielsen 2.2.4 (NLOS as a Boolean) and 4.2.3 (the whole filter, both types).
+
+Walks, ranges and camera steps come from `simulation.HandsetWorld`; one variant's ranges are first paths resolved out of
+multipath channels at the CRS's subcarriers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band, experiment, style
+from soopnav_cpp.navigation import HandsetLocator, HandsetRun, position_fix
+from soopnav_cpp.simulation import HandsetWorld
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = npt.NDArray[np.float64]
+
+BLUE, RED, GREEN, GREY = "#1b6ca8", "#d1495b", "#2e933c", "#5c677d"
+LIGHT_MPS = 299_792_458.0
+SETTLED_S = 20.0
+FOUND_M = 1.0
+LOST_M = 1.0
+SIGMA_M = 1.0
+STEP_SIGMA_M = 1e-3  # what the filter is told; the camera's own is 0.2 mm, and what it does not model is larger
+TURN_SIGMA = np.radians(0.02)
+MULTIPATH_RUNS = 4
+
+
+def locator(world: HandsetWorld, seed: int, **options: Any) -> HandsetLocator:
+    """Start: anywhere in the room, heading known to ten degrees."""
+    return HandsetLocator(
+        world.nodes_m,
+        start_sigma_m=6.0,
+        start_heading_rad=world.told_heading_rad,
+        start_heading_sigma_rad=np.radians(6.0),
+        seed=seed,
+        **options,
+    )
+
+
+def fused(world: HandsetWorld, seed: int, **options: Any) -> HandsetRun:
+    """Radio and camera."""
+    return locator(world, seed, **options).run(
+        world.frame_s,
+        world.increments,
+        world.epoch_s,
+        world.ranges_m,
+        sigma_m=SIGMA_M,
+        track_covariance=[STEP_SIGMA_M**2, STEP_SIGMA_M**2, TURN_SIGMA**2],
+    )
+
+
+def alone(world: HandsetWorld) -> HandsetRun:
+    """LTE only: one extended Kalman filter with one clock."""
+    ekf = HandsetLocator.lte_alone(world.nodes_m, start_sigma_m=6.0, acceleration_psd_m2ps3=0.1)
+    return ekf.run([], np.zeros((0, 3)), world.epoch_s, world.ranges_m, sigma_m=SIGMA_M)
+
+
+def snapshot_error_m(world: HandsetWorld, every: int = 5) -> Array:
+    """LTE only, each epoch for itself, by least squares."""
+    found = [
+        position_fix(
+            world.nodes_m,
+            1e-3 + ranges / LIGHT_MPS,
+            np.full(len(ranges), SIGMA_M / LIGHT_MPS),
+            dimensions=2,
+            height_m=0.0,
+            near_m=[0.0, 0.0, 0.0],
+            reject_outliers=False,
+        ).position_m[:2]
+        for ranges in world.ranges_m[::every]
+    ]
+    return np.asarray(np.linalg.norm(np.array(found) - world.position_m[::every], axis=-1))
+
+
+def rms(error: Array) -> float:
+    """Root of the mean square of all numbers."""
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+# -- The Boolean
+
+
+@dataclass(frozen=True)
+class Switches:
+    """How a run found the switches between with and without line of sight."""
+
+    found: Array  # of each switch: whether, within `FOUND_M` of way
+    delay_m: Array  # way until it was, NaN where it was not
+    right: float  # share of links and epochs
+    error_m: Array
+    single_m: Array  # of the filter without Booleans
+    settled: npt.NDArray[np.bool_]
+
+
+def switches(world: HandsetWorld, p_los: Array) -> tuple[Array, Array]:
+    """Whether each switch after `SETTLED_S` was found within a metre of way, and after how much way.
+
+    One that is undone within that metre counts as found only if it was found before; the last metre's are left out.
+    """
+    walked = np.interp(world.epoch_s, world.frame_s, world.walked_m)
+    decided, truth = p_los < 0.5, world.nlos.blocked
+    found, delay = [], []
+    for k, link in np.argwhere(truth[1:] != truth[:-1]) + [1, 0]:
+        if world.epoch_s[k] < SETTLED_S or walked[-1] < walked[k] + FOUND_M:
+            continue
+        stop = int(np.searchsorted(walked, walked[k] + FOUND_M, side="right"))
+        lasts = np.flatnonzero(truth[k:stop, link] != truth[k, link])
+        until = k + int(lasts[0]) if lasts.size else stop
+        hits = np.flatnonzero(decided[k:until, link] == truth[k, link])
+        found.append(float(hits.size > 0))
+        delay.append(walked[k + hits[0]] - walked[k] if hits.size else np.nan)
+    return np.array(found), np.array(delay)
+
+
+def boolean_run(seed: int) -> Switches:
+    """One walk with the Booleans and with a single bias for all links."""
+    world = HandsetWorld.generate(seed)
+    with_it = fused(world, seed)
+    without = fused(world, seed, nlos=False)
+    settled = world.epoch_s >= SETTLED_S
+    found, delay = switches(world, with_it.p_los)
+    right = float(np.mean((with_it.p_los < 0.5)[settled] == world.nlos.blocked[settled]))
+    truth = world.position_m
+    return Switches(found, delay, right, with_it.error_m(truth), without.error_m(truth), settled)
+
+
+@experiment("nielsen-17", title="LOS or not, a Boolean per link", source="nielsen section 2.2.4, Fig. 17", runs=20)
+def booleans(lab: Lab) -> Iterator[Claim]:
+    """Excess delays of 4 to 20 sigma; at least three links (here four of six) have line of sight."""
+    runs = lab.map(boolean_run)
+    settled = runs[0].settled
+    found = np.concatenate([run.found for run in runs])
+    delay = np.concatenate([run.delay_m for run in runs])
+    error = np.array([run.error_m for run in runs])
+    single = np.array([run.single_m for run in runs])
+    world = HandsetWorld.generate(lab.seed)
+    shown = fused(world, lab.seed)
+
+    with lab.figure(9.0, 6.4) as figure:
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
+        axes = figure.add_subplot(grid[0, :])
+        _draw_links(axes, world, shown)
+        axes = figure.add_subplot(grid[1, 0])
+        style(axes, "Way until a switch is found", "way [m]", "switches")
+        axes.hist(delay[np.isfinite(delay)], bins=np.linspace(0.0, FOUND_M, 26), color=BLUE)
+        axes = figure.add_subplot(grid[1, 1])
+        style(axes, "Position, all runs", "time [s]", "rms error [m]")
+        t = world.epoch_s
+        axes.semilogy(t, np.sqrt(np.mean(single**2, axis=0)), color=RED, label="one bias for all links")
+        axes.semilogy(t, np.sqrt(np.mean(error**2, axis=0)), color=BLUE, label="a Boolean for each")
+        axes.legend(fontsize=8, frameon=False)
+    lab.save(found=found, delay_m=np.nan_to_num(delay, nan=-1.0), error_m=error, single_m=single)
+    yield Claim(f"share of {len(found)} switches found within a metre of way", float(found.mean()), at_least(0.85))
+    yield Claim(
+        "share of links and epochs told rightly", float(np.mean([run.right for run in runs])), at_least(0.95)
+    )
+    yield Claim(
+        "rms position with the Booleans over that with a single bias",
+        rms(error[:, settled]) / rms(single[:, settled]),
+        at_most(0.25),
+    )
+
+
+def _draw_links(axes: Axes, world: HandsetWorld, run: HandsetRun) -> None:
+    """Truth as bands, the filter's probability as a line in each."""
+    style(axes, "Probability of line of sight (line) and its absence in truth (bands)", "time [s]", "link")
+    links = run.p_los.shape[1]
+    for link in range(links):
+        low = links - 1 - link
+        axes.fill_between(
+            run.t_s, low + 0.1, low + 0.9, where=world.nlos.blocked[:, link], color=RED, alpha=0.3, linewidth=0.0
+        )
+        axes.plot(run.t_s, low + 0.1 + 0.8 * run.p_los[:, link], color=BLUE, linewidth=0.9)
+    axes.set_yticks(np.arange(links) + 0.5, [str(links - k) for k in range(links)])
+    axes.set_xlim(0.0, run.t_s[-1])
+    axes.set_ylim(0.0, links)
+    axes.grid(False)
+
+
+# -- The whole filter
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Errors of one walk at the epochs."""
+
+    control_m: Array
+    measurement_m: Array
+    alone_m: Array
+    snapshot_m: Array
+    nees: Array  # of type 1
+    harder_m: Array  # type 1, three of six without line of sight
+    harder_alone_m: Array
+
+
+def whole_run(seed: int) -> Walk:
+    """Both types and what they are compared with."""
+    world = HandsetWorld.generate(seed)
+    truth = world.position_m
+    one, two = fused(world, seed), fused(world, seed, filter="measurement", particles=500)
+    harder = HandsetWorld.generate(seed, max_blocked=3)
+    return Walk(
+        one.error_m(truth),
+        two.error_m(truth),
+        alone(world).error_m(truth),
+        snapshot_error_m(world),
+        one.nees(truth),
+        fused(harder, seed).error_m(harder.position_m),
+        alone(harder).error_m(harder.position_m),
+    )
+
+
+def comb() -> Array:
+    """Subcarriers of the CRS of a port, both shifts of its symbols, 100 RB, in units of 15 kHz from the carrier."""
+    k = np.arange(-600, 600)
+    k = k[k % 3 == 0]
+    return np.asarray(np.where(k >= 0, k + 1, k), dtype=np.float64)
+
+
+def through_multipath(world: HandsetWorld, seed: int, snr_db: float = 15.0) -> HandsetWorld:
+    """The same walk with ranges measured as first paths of channels at the reference signals' subcarriers.
+
+    Each link has its first path, as late as the world says, and two echoes 5 to 60 m behind it, 3 to 12 dB below it,
+    that move on by centimetres (so that phases are new at each epoch). Noise per subcarrier as `snr_db` says.
+    """
+    from soopnav_cpp.lte import CellLostError, PathResolver
+
+    rng = np.random.default_rng(seed)
+    frequencies = comb()
+    resolver = PathResolver(max_paths=3)
+    epochs, links = world.ranges_m.shape
+    metres = np.linalg.norm(world.nodes_m[None, :, :2] - world.position_m[:, None], axis=-1)
+    metres = metres + world.clock_m[:, None] + world.nlos.excess_m
+    echo_m = rng.uniform(5.0, 60.0, (links, 2))
+    gain = 10.0 ** (-rng.uniform(3.0, 12.0, (links, 2)) / 20.0)
+    sigma = 10.0 ** (-snr_db / 20.0)
+    ranges = np.full((epochs, links), np.nan)
+    for k in range(epochs):
+        for link in range(links):
+            behind = echo_m[link] + 0.05 * rng.standard_normal(2)
+            delays = np.concatenate([[0.0], behind]) / LIGHT_MPS
+            gains = np.concatenate([[1.0], gain[link]]) * np.exp(2j * np.pi * rng.random(3))
+            channel = np.exp(-2j * np.pi * 15e3 * np.outer(frequencies, delays)) @ gains
+            noise = rng.standard_normal((len(frequencies), 2)) @ [1.0, 1.0j]
+            channel = (channel + sigma / np.sqrt(2.0) * noise).astype(np.complex64)
+            try:
+                first_s = resolver.resolve(channel, frequencies, sigma**2).delays_s[0]
+            except CellLostError:
+                continue
+            ranges[k, link] = metres[k, link] + first_s * LIGHT_MPS
+    return replace(world, ranges_m=ranges)
+
+
+def multipath_run(seed: int) -> tuple[Array, Array, Array]:
+    """Errors of type 1 and of LTE alone, and of the ranges themselves."""
+    clean = HandsetWorld.generate(seed, range_sigma_m=0.0)
+    world = through_multipath(clean, seed)
+    truth = world.position_m
+    return fused(world, seed).error_m(truth), alone(world).error_m(truth), world.ranges_m - clean.ranges_m
+
+
+@experiment("nielsen-sgl", title="A room walk: LTE, camera and both filters", source="nielsen section 4.2.3", runs=20)
+def room_walk(lab: Lab) -> Iterator[Claim]:
+    """Six nodes 25 to 60 m off, at most two of them without line of sight at a time, 60 s; errors after 20 s."""
+    runs = lab.map(whole_run)
+    multipath = lab.map(multipath_run, runs=MULTIPATH_RUNS)
+    world = HandsetWorld.generate(lab.seed)
+    settled = world.epoch_s >= SETTLED_S
+
+    def all_runs(name: str) -> Array:
+        return np.array([getattr(run, name) for run in runs])
+
+    control, measurement, lte = all_runs("control_m"), all_runs("measurement_m"), all_runs("alone_m")
+    harder, harder_lte = all_runs("harder_m"), all_runs("harder_alone_m")
+    snapshot, nees = all_runs("snapshot_m"), all_runs("nees")
+    each = np.sqrt(np.mean(control[:, settled] ** 2, axis=1))
+    through, through_alone, ranging = (np.array([run[k] for run in multipath]) for k in range(3))
+
+    _draw_walk(lab, world)
+    with lab.figure(7.6, 4.4, part="errors") as figure:
+        axes = figure.add_subplot()
+        style(axes, f"Position over {len(runs)} walks", "time [s]", "rms error [m]")
+        t = world.epoch_s
+        for errors, time_s, color, label in (
+            (snapshot, t[::5], GREY, "LTE alone, each epoch by least squares"),
+            (lte, t, RED, "LTE alone, Kalman filter"),
+            (harder, t, GREEN, "LTE and camera, type 1, up to three of six blocked"),
+            (measurement, t, "#e09f3e", "LTE and camera, type 2"),
+            (control, t, BLUE, "LTE and camera, type 1"),
+        ):
+            axes.semilogy(time_s, np.sqrt(np.mean(errors**2, axis=0)), color=color, linewidth=1.4, label=label)
+        axes.set_ylim(0.03, 30.0)
+        axes.legend(fontsize=8, loc="upper right", framealpha=0.9)
+    lab.save(
+        control_m=control,
+        measurement_m=measurement,
+        lte_alone_m=lte,
+        snapshot_m=snapshot,
+        three_blocked_m=harder,
+        nees=nees,
+        multipath_m=through,
+        multipath_ranging_m=np.nan_to_num(ranging, nan=0.0),
+    )
+    yield Claim("pooled rms of position, type 1", rms(control[:, settled]), at_most(0.6, "m"))
+    yield Claim("pooled rms of position, type 2", rms(measurement[:, settled]), at_most(0.6, "m"))
+    yield Claim(
+        "rms of LTE alone over that of type 1, of type 2",
+        [rms(lte[:, settled]) / rms(kind[:, settled]) for kind in (control, measurement)],
+        at_least(15.0),
+    )
+    yield Claim("median of the runs' rms, type 1", float(np.median(each)), at_most(0.2, "m"))
+    yield Claim(f"share of runs lost (rms above {LOST_M:g} m), type 1", float(np.mean(each > LOST_M)), at_most(0.05))
+    yield Claim("mean NEES of position, two dimensions, type 1", float(nees[:, settled].mean()), band(0.4, 4.0))
+    yield Claim("pooled rms with up to three of six blocked, type 1", rms(harder[:, settled]), at_most(0.6, "m"))
+    yield Claim(
+        "rms of LTE alone over it, up to three of six blocked", rms(harder_lte[:, settled]) / rms(harder[:, settled]), at_least(5.0)
+    )
+    yield Claim(
+        "pooled rms with ranges resolved out of multipath channels", rms(through[:, settled]), at_most(0.6, "m")
+    )
+    yield Claim(
+        "rms of LTE alone over it, multipath", rms(through_alone[:, settled]) / rms(through[:, settled]), at_least(5.0)
+    )
+
+
+def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
+    """The walk, its estimate, and the particles at four times."""
+    one = locator(world, lab.seed)
+    shown = {0.2: None, 1.0: None, 4.0: None, 15.0: None}
+    path, frame = [], 0
+    covariance = [STEP_SIGMA_M**2, STEP_SIGMA_M**2, TURN_SIGMA**2]
+    for k, t in enumerate(world.epoch_s):
+        while frame + 1 < len(world.frame_s) and world.frame_s[frame + 1] <= t:
+            one.move(world.increments[frame], world.frame_s[frame + 1], track_covariance=covariance)
+            frame += 1
+        one.update_ranges(world.ranges_m[k], SIGMA_M, t)
+        path.append(one.estimate().position_m)
+        for when, cloud in shown.items():
+            if cloud is None and t >= when:
+                shown[when] = (one.particles(draw=True), world.position_m[k], t)
+    found = np.array(path)
+    with lab.figure(10.4, 5.2) as figure:
+        grid = figure.add_gridspec(2, 4, width_ratios=(1.15, 1.15, 1.0, 1.0))
+        axes = figure.add_subplot(grid[:, :2])
+        style(axes, "Walk among six nodes", "x [m]", "y [m]")
+        axes.plot(world.nodes_m[:, 0], world.nodes_m[:, 1], "^", color=GREEN, markersize=8, label="nodes")
+        lte = alone(world).position_m
+        axes.plot(lte[:, 0], lte[:, 1], color=RED, linewidth=0.7, alpha=0.7, label="LTE alone")
+        axes.plot(world.pose[:, 0], world.pose[:, 1], color="black", linewidth=2.2, label="truth")
+        axes.plot(found[:, 0], found[:, 1], color=BLUE, linewidth=1.1, label="LTE and camera")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize=8, loc="upper right", framealpha=0.9)
+        for place, cloud in enumerate(shown.values()):
+            assert cloud is not None
+            (x, y, _, _), truth, t = cloud
+            axes = figure.add_subplot(grid[place // 2, 2 + place % 2])
+            style(axes, f"Particles after {t:.1f} s", "", "")
+            axes.plot(x, y, ".", color=BLUE, markersize=1.2, alpha=0.4)
+            axes.plot(*truth, "+", color="black", markersize=12, markeredgewidth=1.6)
+            half = max(1.0, 1.2 * float(np.percentile(np.hypot(x - truth[0], y - truth[1]), 98.0)))
+            axes.set_xlim(truth[0] - half, truth[0] + half)
+            axes.set_ylim(truth[1] - half, truth[1] + half)
+            axes.set_aspect("equal")
