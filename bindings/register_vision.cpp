@@ -239,6 +239,7 @@ void register_frames(py::module_& m) {
       .value("NONE", FlowStart::kNone)
       .value("PREDICTION", FlowStart::kPrediction)
       .value("PHASE_CORRELATION", FlowStart::kPhaseCorrelation)
+      .value("OVERLAP", FlowStart::kOverlap)
       .finalize();
   py::class_<TrackedFrame>(m, "TrackedFrame", "What a tracker says of a frame. Read-only.")
       .def_readonly("status", &TrackedFrame::status, "What became of it.")

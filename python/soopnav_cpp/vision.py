@@ -19,9 +19,20 @@ from soopnav_cpp._core.vision import (
     Camera,
     FlowStart,
     FrameStatus,
+    GroundPlane,
     MotionStatus,
     PlanarMotion,
+    PlaneFitter,
+    PlaneStatus,
     TrackedFrame,
+)
+from soopnav_cpp._ground import (
+    fit_plane,
+    ground_pixels,
+    ground_points,
+    nielsen_frames,
+    to_present_axes,
+    to_previous_axes,
 )
 
 __all__ = [
@@ -32,15 +43,24 @@ __all__ = [
     "FeatureTracker",
     "FlowStart",
     "FrameStatus",
+    "GroundPlane",
     "MotionStatus",
     "PlanarMotion",
+    "PlaneFitter",
+    "PlaneStatus",
     "TrackedFrame",
     "Tracks",
     "available",
     "depth_intrinsics",
+    "fit_plane",
+    "ground_pixels",
+    "ground_points",
     "load_camera",
+    "nielsen_frames",
     "opencv_version",
     "save_camera",
+    "to_present_axes",
+    "to_previous_axes",
 ]
 
 _Floats = npt.NDArray[np.float64]
@@ -208,7 +228,7 @@ class EgoMotion:
         self,
         image: _Image,
         *,
-        plane: Any = None,
+        plane: GroundPlane | None = None,
         points: npt.ArrayLike | None = None,
         t_s: float | None = None,
     ) -> PlanarMotion:
@@ -254,7 +274,7 @@ class EgoMotion:
         return self._core.frame()
 
     @property
-    def plane(self) -> Any:
+    def plane(self) -> GroundPlane:
         """Ground of the last frame, in axes of the camera."""
         return self._core.plane()
 

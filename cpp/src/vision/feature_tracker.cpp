@@ -26,6 +26,7 @@ constexpr double kWellFollowed = 0.5;  // share of tracks below which another st
 constexpr double kLeastFollowed = 0.05;
 constexpr int kPredictedLevels = 3;
 constexpr int kQuarter = 4;
+constexpr int kOverlapWidth = 80;  // of the images whose overlap is searched [px]
 
 [[noreturn]] void refuse(const char* name, const std::string& value, const char* rule) {
   throw std::invalid_argument(std::string(name) + ": " + value + "; " + rule);
@@ -173,7 +174,9 @@ class FeatureTracker::Impl {
     const double energy = gradient_energy();
     report.sharpness = usual_energy_ > 0.0 ? energy / usual_energy_ : 1.0;
     report.skipped = useless_;
-    if (has_reference_ && !tracks_.empty()) follow(predicted, report);
+    const FrameStatus useless = judge(energy, report.sharpness);
+    const bool hopeless = useless != FrameStatus::kLost && useless != FrameStatus::kBlurred;
+    if (has_reference_ && !tracks_.empty() && !hopeless) follow(predicted, report);
     const bool followed = report.followed >= std::max(1.0, kLeastFollowed * static_cast<double>(tracks_.size()));
     if (followed) {
       take_over(report);
@@ -184,7 +187,6 @@ class FeatureTracker::Impl {
     }
     report.lost = static_cast<int>(tracks_.size());
     report.followed = 0;
-    const FrameStatus useless = judge(energy, report.sharpness);
     if (useless != FrameStatus::kLost) {
       report.status = useless;
       if (++useless_ > options_.patience) reset();
@@ -246,7 +248,7 @@ class FeatureTracker::Impl {
     return sum / static_cast<double>(count);
   }
 
-  // Why nothing could be followed; kLost when the frame itself is good.
+  // Why nothing can be followed; kLost when the frame itself is good.
   FrameStatus judge(double energy, double sharpness) const {
     long dark = 0, bright = 0, count = 0;
     for (int v = 0; v < size_.height; v += 2) {
@@ -287,10 +289,10 @@ class FeatureTracker::Impl {
       start_at(shift);
       attempt(other_, options_.levels);
       keep_better(FlowStart::kPhaseCorrelation, report);
-      if (best_.followed < enough && shift.norm() > 1.0) {
-        start_at(Eigen::Vector2d::Zero());
+      if (best_.followed < enough) {
+        start_at(best_overlap());
         attempt(other_, options_.levels);
-        keep_better(FlowStart::kNone, report);
+        keep_better(FlowStart::kOverlap, report);
       }
     }
     report.followed = std::max(0, best_.followed);
@@ -334,6 +336,45 @@ class FeatureTracker::Impl {
     const cv::Point2d shift = cv::phaseCorrelate(small_reference_, small_current_, hann_, &response);
     if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return Eigen::Vector2d::Zero();
     return {shift.x * size_.width / quarter().width, shift.y * size_.height / quarter().height};
+  }
+
+  // The shift at which what both frames show is most alike, over all that leave a quarter of them in common: slow and
+  // coarse, for steps so long that a window leaves phase correlation nothing (doc/feature_tracks.md eq. 6).
+  Eigen::Vector2d best_overlap() {
+    const int factor = (size_.width + kOverlapWidth - 1) / kOverlapWidth;
+    const cv::Size small(size_.width / factor, std::max(1, size_.height / factor));
+    const auto shrink = [&](const cv::Mat& image, cv::Mat& out) {
+      cv::resize(image, small_, small, 0.0, 0.0, cv::INTER_AREA);
+      small_.convertTo(out, CV_32F, 1.0, -cv::mean(small_)[0]);
+    };
+    shrink(reference_.smooth, small_reference_);
+    shrink(current_.smooth, small_current_);
+    double best = 0.0;
+    cv::Point found(0, 0);
+    for (int dv = -small.height * 3 / 4; dv <= small.height * 3 / 4; ++dv) {
+      for (int du = -small.width * 3 / 4; du <= small.width * 3 / 4; ++du) {
+        const int columns = small.width - std::abs(du), rows = small.height - std::abs(dv);
+        if (4 * columns * rows < small.area()) continue;
+        float ab = 0.0F, aa = 0.0F, bb = 0.0F;
+        for (int v = 0; v < rows; ++v) {
+          const float* a = small_reference_.ptr<float>(v + std::max(0, -dv)) + std::max(0, -du);
+          const float* b = small_current_.ptr<float>(v + std::max(0, dv)) + std::max(0, du);
+          for (int u = 0; u < columns; ++u) {
+            ab += a[u] * b[u];
+            aa += a[u] * a[u];
+            bb += b[u] * b[u];
+          }
+        }
+        if (!(aa > 0.0F) || !(bb > 0.0F)) continue;
+        // A likeness by chance shrinks with the root of the pixels in common.
+        const double alike = static_cast<double>(ab) / std::sqrt(static_cast<double>(aa) * static_cast<double>(bb)) *
+                             std::sqrt(static_cast<double>(columns) * rows);
+        if (alike <= best) continue;
+        best = alike;
+        found = {du, dv};
+      }
+    }
+    return {static_cast<double>(found.x) * factor, static_cast<double>(found.y) * factor};
   }
 
   // Forwards from other_.to, and backwards; fills `a`.

@@ -44,6 +44,7 @@ enum class FlowStart {
   kNone,              ///< nothing was searched
   kPrediction,        ///< at the places the caller predicted
   kPhaseCorrelation,  ///< at the shift of the whole image
+  kOverlap,           ///< at the shift of the whole image under which both frames are most alike: long steps
 };
 
 /// One corner on two consecutive frames. Pixels as Camera's: whole numbers at the centres of pixels.
@@ -89,9 +90,9 @@ struct TrackedFrame {
 
 /// Follows up to `tracks` corners: smaller eigenvalue of the gradients' matrix (Shi-Tomasi), spread over cells;
 /// pyramidal Lucas-Kanade forwards and backwards, from a predicted place or from the shift found by phase correlation
-/// at a quarter of the size; a second start where most tracks are lost from the first. The flow is the mean of the
-/// forward one and the backward one reversed (doc/feature_tracks.md eq. 3), which takes most of the bias of
-/// interpolation out.
+/// at a quarter of the size; where most tracks are lost from one start, the next is tried, last the shift of the best
+/// overlap. The flow is the mean of the forward one and the backward one reversed (doc/feature_tracks.md eq. 3), which
+/// takes most of the bias of interpolation out.
 ///
 /// The same frames give the same bits, whatever the number of threads: OpenCV's own are not used and its settings are
 /// left alone. One object per camera; objects in different threads are independent. No exception of OpenCV leaves it.
