@@ -49,7 +49,7 @@ struct EgoMotionOptions {
 /// planes, tracks, rigid motion between the last frame that had an increment (the anchor) and this one. A frame without
 /// one - dark, saturated, no ground, no consensus, heights that disagree - says why, with dt_s = 0; the next increment
 /// then covers the whole interval from the anchor, and is flagged by `skipped`. After `max_gap_s` it coasts: what the
-/// last velocity leads to expect, which decays, with a covariance that grows (doc/feature_tracks.md eq. 6-8). The
+/// last velocity leads to expect, which decays, with a covariance that grows (doc/feature_tracks.md eq. 7-8). The
 /// increments of all steps with dt_s > 0 follow one another without gap.
 ///
 /// What cannot be told: a floor that moves as one with most of the tracks on it is taken for the ground, unless a
