@@ -139,7 +139,7 @@ void register_plane(py::module_& m) {
           }));
 
   py::class_<PlaneFitter>(m, "PlaneFitter", "Planes of the ground from depth clouds, one after the other.")
-      .def(py::init([](const std::string& method, double sigma_m, double sigma_per_m, double band_sigmas,
+      .def(py::init([](const std::string& method, double sigma_m, double sigma_per_m, double band_sigmas, double band_m,
                        double min_share, int min_points, double max_tilt_rad, double min_height_m, double max_height_m,
                        int max_hypotheses, double confidence, double noise_cluster, std::uint64_t seed) {
              if (method != "ransac" && method != "svd") {
@@ -150,6 +150,7 @@ void register_plane(py::module_& m) {
              o.sigma_m = sigma_m;
              o.sigma_per_m = sigma_per_m;
              o.band_sigmas = band_sigmas;
+             o.band_m = band_m;
              o.min_share = min_share;
              o.min_points = min_points;
              o.max_tilt_rad = max_tilt_rad;
@@ -162,10 +163,10 @@ void register_plane(py::module_& m) {
              return std::make_unique<PlaneFitter>(o);
            }),
            py::kw_only(), py::arg("method") = "ransac", py::arg("sigma_m") = 0.0005, py::arg("sigma_per_m") = 0.0014,
-           py::arg("band_sigmas") = 3.0, py::arg("min_share") = 0.2, py::arg("min_points") = 50,
-           py::arg("max_tilt_rad") = 0.7854, py::arg("min_height_m") = 0.05, py::arg("max_height_m") = 10.0,
-           py::arg("max_hypotheses") = 400, py::arg("confidence") = 0.9999, py::arg("noise_cluster") = 1.0,
-           py::arg("seed") = 0)
+           py::arg("band_sigmas") = 3.0, py::arg("band_m") = 0.0, py::arg("min_share") = 0.2,
+           py::arg("min_points") = 50, py::arg("max_tilt_rad") = 0.7854, py::arg("min_height_m") = 0.05,
+           py::arg("max_height_m") = 10.0, py::arg("max_hypotheses") = 400, py::arg("confidence") = 0.9999,
+           py::arg("noise_cluster") = 1.0, py::arg("seed") = 0)
       .def(
           "fit",
           [](PlaneFitter& self, const FloatArray& points) {

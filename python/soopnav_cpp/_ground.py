@@ -18,6 +18,7 @@ def fit_plane(
     sigma_m: float = 0.0005,
     sigma_per_m: float = 0.0014,
     band_sigmas: float = 3.0,
+    band_m: float = 0.0,
     min_share: float = 0.2,
     min_points: int = 50,
     max_tilt_rad: float = 0.7854,
@@ -42,6 +43,9 @@ def fit_plane(
         Noise of the sensor's depth, ``sigma_m + sigma_per_m * z**2``.
     band_sigmas
         Points nearer to the plane than this many sigma are on it.
+    band_m
+        Positive: a fixed band in place of ``band_sigmas``. A recorded surface bends by a few millimetres that a sensor's
+        noise does not explain; 0.01 suits a Kinect near a metre.
     min_share, min_points
         Share of the finite points that must be on the ground, and how many there must be.
     max_tilt_rad, min_height_m, max_height_m
@@ -64,6 +68,7 @@ def fit_plane(
         sigma_m=sigma_m,
         sigma_per_m=sigma_per_m,
         band_sigmas=band_sigmas,
+        band_m=band_m,
         min_share=min_share,
         min_points=min_points,
         max_tilt_rad=max_tilt_rad,

@@ -28,7 +28,8 @@ def scene() -> GroundScene:
 @pytest.mark.parametrize("camera", [SMALL, BENT, FISHEYE], ids=["pinhole", "bent", "fisheye"])
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.12, -0.2)])
 def test_each_pixel_shows_the_ground_that_its_ray_meets(scene, camera, tilt):
-    pose, height = (1.3, -0.7, 2.4), 0.9
+    # Near enough that a pixel is finer than the texture's detail: no mip level is blended in.
+    pose, height = (1.3, -0.7, 2.4), 0.9 if camera.fx > 100 else 0.4
     image = scene.render(camera, pose, height, tilt)
     pixels = np.array([[10, 12], [150, 8], [80, 60], [33, 101], [120, 95]])
     points = ground_points(scene.true_plane(height, tilt), camera, pixels)
@@ -118,7 +119,7 @@ def test_boxes_walls_and_sheets_are_seen_by_the_right_sensor(scene):
     hit = walled[:, 2] < 0.999
     np.testing.assert_allclose(walled[hit, 0], 0.3, atol=1e-6)
     assert 0.2 < hit.mean() < 0.35
-    facing = fit_plane(scene.depth_cloud(SMALL, (0, 0, 0), 1.0, (0.0, 1.2), wall=(-0.6, 0.0, 0.0)))
+    facing = fit_plane(scene.depth_cloud(SMALL, (0, 0, 0), 1.0, (0.0, 0.5), wall=(-0.1, 0.0, 0.0)))
     assert facing.status.name == "WALL"
     assert not facing.ok
     assert (scene.render(SMALL, (0, 0, 0), wall=wall) != scene.render(SMALL, (0, 0, 0))).mean() > 0.15
@@ -141,8 +142,8 @@ def test_light_lens_and_sensor(scene):
     assert np.diff(soft, axis=1).std() < 0.5 * np.diff(plain, axis=1).std()
     assert soft.mean() == pytest.approx(plain.mean(), abs=1.5)
     moving = scene.render(SMALL, (0, 0, 0), to_pose=(0.04, 0.0, 0.0), blur_views=9).astype(float)
-    assert np.diff(moving, axis=1).std() < 0.5 * np.diff(plain, axis=1).std()
-    assert np.diff(moving, axis=0).std() > 0.5 * np.diff(plain, axis=0).std()
+    assert np.diff(moving, axis=1).std() < 0.6 * np.diff(plain, axis=1).std()
+    assert np.diff(moving, axis=0).std() > 0.6 * np.diff(plain, axis=0).std()
     views = [scene.render(SMALL, (0.04 * k / 8, 0, 0)).astype(float) for k in range(9)]
     np.testing.assert_allclose(moving, np.mean(views, axis=0), atol=1.0)
 

@@ -414,7 +414,7 @@ void GroundScene::render(const vision::Camera& camera, std::span<const CameraVie
   for (int row = 0; row < height_; ++row) {
     const float* const from = image_.data() + static_cast<std::size_t>(row) * width;
     std::uint8_t* const to = image.data() + static_cast<std::size_t>(row) * width;
-    if (noise > 0.0F) stream.fill_normal(std::span<float>(normals_));
+    if (noise > 0.0F) stream.fill_normal(std::span<float>(normals_.data(), width));
     const double down = height_ > 1 ? static_cast<double>(row) / (height_ - 1) - 0.5 : 0.0;
     const auto base = static_cast<float>(255.0 * shot.gain * (1.0 + shot.gradient_y * down));
     const auto slope = static_cast<float>(255.0 * shot.gain * shot.gradient_x / std::max(width_ - 1, 1));
@@ -453,7 +453,7 @@ void GroundScene::depth_cloud(const vision::Camera& camera, const CameraView& vi
   draws_.resize(4 * o.points);
   normals_.resize(std::max(o.points, static_cast<std::size_t>(width_)));
   stream.fill_uniform(std::span<double>(draws_));
-  stream.fill_normal(std::span<float>(normals_));
+  stream.fill_normal(std::span<float>(normals_.data(), o.points));
   const Eigen::Vector3d across = wall == nullptr
                                      ? Eigen::Vector3d::Zero()
                                      : Eigen::Vector3d(std::cos(wall->heading_rad), std::sin(wall->heading_rad), 0.0);

@@ -38,14 +38,19 @@ struct PlaneFitter::Rows {
   const float* x;
   std::size_t row;     // floats from one row to the next
   std::size_t points;  // in the first ceil(points / kLanes) packets
+  double band_sigmas;
+  double band_m;  // 0: by sigmas
   [[nodiscard]] const float* y() const noexcept { return x + row; }
   [[nodiscard]] const float* z() const noexcept { return x + 2 * row; }
   [[nodiscard]] const float* gain() const noexcept { return x + 3 * row; }
   [[nodiscard]] Eigen::Vector3d point(std::size_t i) const noexcept {
     return {static_cast<double>(x[i]), static_cast<double>(y()[i]), static_cast<double>(z()[i])};
   }
-  [[nodiscard]] int inside(const GroundPlane& plane, double band) const noexcept;
-  [[nodiscard]] Moments moments(const GroundPlane& plane, double band) const noexcept;
+  [[nodiscard]] int inside(const GroundPlane& plane) const noexcept;
+  [[nodiscard]] Moments moments(const GroundPlane& plane, double widened) const noexcept;
+  [[nodiscard]] double limit(const GroundPlane& plane, double widened) const noexcept {
+    return widened * (band_m > 0.0 ? band_m : band_sigmas * plane.distance_m);
+  }
 };
 
 /// Weighted sums over the points inside a plane's band.
@@ -128,6 +133,7 @@ PlaneFitter::PlaneFitter(const PlaneOptions& options) : options_(options), rando
   require(std::isfinite(o.sigma_per_m) && o.sigma_per_m >= 0.0, "sigma_per_m", o.sigma_per_m, "at least 0");
   require(o.sigma_m + o.sigma_per_m > 0.0, "sigma_m", o.sigma_m, "positive where sigma_per_m is 0");
   require(o.band_sigmas >= 0.5 && o.band_sigmas <= 100.0, "band_sigmas", o.band_sigmas, "in 0.5 ... 100");
+  require(std::isfinite(o.band_m) && o.band_m >= 0.0, "band_m", o.band_m, "at least 0");
   require(o.min_share > 0.0 && o.min_share <= 1.0, "min_share", o.min_share, "in (0, 1]");
   require(o.min_points >= 4, "min_points", o.min_points, "at least 4");
   require(o.max_tilt_rad > 0.0 && o.max_tilt_rad < 1.5, "max_tilt_rad", o.max_tilt_rad, "in (0, 1.5)");
@@ -177,7 +183,7 @@ std::size_t PlaneFitter::load(std::span<const float> xyz) {
 }
 
 PlaneFitter::Rows PlaneFitter::draw_subset(std::size_t points) {
-  const Rows all{cloud_.data(), row_, points};
+  const Rows all{cloud_.data(), row_, points, options_.band_sigmas, options_.band_m};
   const std::size_t take = std::min(points, kSubset);
   float* const out = subset_.data();
   for (std::size_t i = 0; i < kSubset; ++i) {
@@ -193,24 +199,27 @@ PlaneFitter::Rows PlaneFitter::draw_subset(std::size_t points) {
     out[2 * kSubset + i] = real ? all.z()[from] : 0.0F;
     out[3 * kSubset + i] = real ? all.gain()[from] : kNoPoint;
   }
-  return {out, kSubset, take};
+  return {out, kSubset, take, options_.band_sigmas, options_.band_m};
 }
 
-int PlaneFitter::Rows::inside(const GroundPlane& plane, double band) const noexcept {
-  // |e| z / sigma(z) <= band d (eq. 3): the noise lies along the ray.
+int PlaneFitter::Rows::inside(const GroundPlane& plane) const noexcept {
+  // |e| z / sigma(z) <= band d (eq. 3): the noise lies along the ray. Or |e| <= band; g - g + 1 is 1, or NaN for none.
   const Wide nx(plane.normal_c.x()), ny(plane.normal_c.y()), nz(plane.normal_c.z()), d(plane.distance_m);
-  const Wide limit(band * plane.distance_m), one(1.0F), none(0.0F);
+  const Wide most(limit(plane, 1.0)), one(1.0F), none(0.0F);
+  const bool fixed = band_m > 0.0;
   Wide count(0.0F);
   for (std::size_t i = 0; i < points; i += kLanes) {
     const Wide e = nx * Wide::load(x + i) + ny * Wide::load(y() + i) + nz * Wide::load(z() + i) - d;
-    count += select(abs(e) * Wide::load(gain() + i) <= limit, one, none);
+    const Wide g = Wide::load(gain() + i);
+    count += select(abs(e) * (fixed ? g - g + one : g) <= most, one, none);
   }
   return static_cast<int>(sum(count));
 }
 
-PlaneFitter::Moments PlaneFitter::Rows::moments(const GroundPlane& plane, double band) const noexcept {
+PlaneFitter::Moments PlaneFitter::Rows::moments(const GroundPlane& plane, double widened) const noexcept {
   const Wide nx(plane.normal_c.x()), ny(plane.normal_c.y()), nz(plane.normal_c.z());
-  const Wide limit(band * plane.distance_m), one(1.0F), none(0.0F);
+  const Wide most(std::min(limit(plane, widened), 1e30)), one(1.0F), none(0.0F);
+  const bool fixed = band_m > 0.0;
   // Centred at a point of the plane on the optical axis, so that single precision is enough for the products.
   const double centre = plane.distance_m / std::max(plane.normal_c.z(), 0.1);
   const Wide cz(centre);
@@ -224,7 +233,7 @@ PlaneFitter::Moments PlaneFitter::Rows::moments(const GroundPlane& plane, double
       const Wide px = Wide::load(x + i), py = Wide::load(y() + i), pz = Wide::load(z() + i) - cz;
       const Wide g = Wide::load(gain() + i);
       const Wide e = nx * px + ny * py + nz * pz - rest;
-      const auto in = abs(e) * g <= limit;
+      const auto in = abs(e) * (fixed ? g - g + one : g) <= most;
       const Wide w = select(in, g * g, none);
       const Wide wx = w * px, wy = w * py, wz = w * pz;
       s[0] += w;
@@ -313,7 +322,7 @@ PlaneStatus PlaneFitter::search(const Rows& subset, GroundPlane& plane) {
     }
     if (!(guess.distance_m > 0.0)) continue;
     const PlaneStatus kind = plausible(guess);
-    int count = subset.inside(guess, options_.band_sigmas);
+    int count = subset.inside(guess);
     if (kind != PlaneStatus::kFitted) {
       if (count > best_other) {
         best_other = count;
@@ -325,11 +334,11 @@ PlaneStatus PlaneFitter::search(const Rows& subset, GroundPlane& plane) {
     // Three points with noise miss many that belong to them: a refit to those around comes nearer.
     GroundPlane better = guess;
     for (int pass = 0; pass < 2; ++pass) {
-      const Moments m = subset.moments(better, 2.0 * options_.band_sigmas);
+      const Moments m = subset.moments(better, 2.0);
       if (m.count < 4) break;
       solve(m, better);
     }
-    const int more = subset.inside(better, options_.band_sigmas);
+    const int more = subset.inside(better);
     if (more > count && plausible(better) == PlaneStatus::kFitted) {
       count = more;
       guess = better;
@@ -369,28 +378,26 @@ GroundPlane PlaneFitter::fit(std::span<const float> xyz) {
   GroundPlane plane;
   const std::size_t points = load(xyz);
   plane.points = static_cast<int>(points);
-  if (plane.points < options_.min_points) {
-    plane.status = PlaneStatus::kTooFew;
-    return plane;
-  }
-  const Rows all{cloud_.data(), row_, points};
-  double band = options_.band_sigmas;
+  const auto refused = [&](PlaneStatus status) {  // numbers of what is not the ground do not leave
+    GroundPlane none;
+    none.status = status;
+    none.points = static_cast<int>(points);
+    return none;
+  };
+  if (plane.points < options_.min_points) return refused(PlaneStatus::kTooFew);
+  const Rows all{cloud_.data(), row_, points, options_.band_sigmas, options_.band_m};
   Moments moments;
   if (options_.method == PlaneMethod::kSvd) {
-    band = kAnyBand;
     solve_svd(all, plane);
-    moments = all.moments(plane, band);
+    moments = all.moments(plane, kAnyBand);
     plane.status = PlaneStatus::kFitted;
   } else {
     plane.status = search(draw_subset(points), plane);
-    if (!plane.ok()) return plane;
+    if (!plane.ok()) return refused(plane.status);
     double widened = 2.0;
     for (int pass = 0; pass < 8; ++pass) {
-      moments = all.moments(plane, widened * band);
-      if (moments.count < options_.min_points || moments.count < 4) {
-        plane.status = PlaneStatus::kNoPlane;
-        return plane;
-      }
+      moments = all.moments(plane, widened);
+      if (moments.count < options_.min_points) return refused(PlaneStatus::kNoPlane);
       const Eigen::Vector3d before = plane.normal_c;
       solve(moments, plane);
       if (widened == 1.0 && (plane.normal_c - before).squaredNorm() < 1e-14) break;
@@ -400,24 +407,16 @@ GroundPlane PlaneFitter::fit(std::span<const float> xyz) {
   const PlaneStatus kind = plausible(plane);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(moments.scatter, Eigen::EigenvaluesOnly);
   const double thin = std::max(spread.eigenvalues()[0], 0.0);
-  if (!(moments.weight > 0.0) || !(spread.eigenvalues()[1] > 25.0 * thin) ||
-      !(spread.eigenvalues()[1] > 1e-6 * spread.eigenvalues()[2])) {
-    plane.status = PlaneStatus::kDegenerate;
-  } else if (kind != PlaneStatus::kFitted) {
-    plane.status = kind;
-  } else if (moments.count < options_.min_share * plane.points) {
-    plane.status = PlaneStatus::kNoPlane;
-  } else {
-    state_covariance(moments, plane);
-    if (!plane.covariance.allFinite()) plane.status = PlaneStatus::kDegenerate;
+  // Points on a line have no spread across it beyond their noise; all points together may well be thick.
+  const bool robust = options_.method == PlaneMethod::kRansac;
+  if (!(moments.weight > 0.0) || (robust && !(spread.eigenvalues()[1] > 25.0 * thin)) ||
+      !(spread.eigenvalues()[1] > (robust ? 1e-6 : 1e-4) * spread.eigenvalues()[2])) {
+    return refused(PlaneStatus::kDegenerate);
   }
-  if (!plane.ok()) {  // numbers of what is not the ground do not leave
-    const PlaneStatus status = plane.status;
-    plane = GroundPlane{};
-    plane.status = status;
-    plane.points = static_cast<int>(points);
-  }
-  return plane;
+  if (kind != PlaneStatus::kFitted) return refused(kind);
+  if (moments.count < options_.min_share * plane.points) return refused(PlaneStatus::kNoPlane);
+  state_covariance(moments, plane);
+  return plane.covariance.allFinite() ? plane : refused(PlaneStatus::kDegenerate);
 }
 
 }  // namespace soopnav::vision

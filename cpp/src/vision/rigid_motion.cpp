@@ -79,13 +79,13 @@ RigidMotionEstimator::RigidMotionEstimator(const RigidMotionOptions& options)
 
 void RigidMotionEstimator::reserve(std::size_t tracks) { tracks_.reserve(tracks); }
 
-int RigidMotionEstimator::count(const Eigen::Vector3d& motion, double gate_px, bool mark) noexcept {
+int RigidMotionEstimator::count(const Eigen::Vector3d& motion, double scale, double gate_px, bool mark) noexcept {
   const Eigen::Matrix2d back = rotation(motion.z()).transpose();
   const Eigen::Vector2d shift = back * motion.head<2>();
   const double gate = gate_px * gate_px;
   int agree = 0;
   for (Track& track : tracks_) {
-    const Eigen::Vector2d miss = track.pixels * (back * track.from - shift - track.to);  // eq. 13
+    const Eigen::Vector2d miss = track.pixels * (scale * (back * track.from - shift) - track.to);  // eq. 13
     const bool inside = miss.squaredNorm() <= gate;
     agree += inside ? 1 : 0;
     if (mark) track.inlier = inside;
@@ -93,7 +93,7 @@ int RigidMotionEstimator::count(const Eigen::Vector3d& motion, double gate_px, b
   return agree;
 }
 
-bool RigidMotionEstimator::search(Eigen::Vector3d& motion) noexcept {
+int RigidMotionEstimator::search(bool any_scale, Eigen::Vector3d& motion, double& scale) noexcept {
   const auto n = static_cast<double>(tracks_.size());
   const double chance = std::log1p(-options_.confidence);
   double wanted = options_.max_hypotheses;
@@ -104,21 +104,37 @@ bool RigidMotionEstimator::search(Eigen::Vector3d& motion) noexcept {
     const Track& b = tracks_[static_cast<std::size_t>(static_cast<double>(bits & 0xffffffff) * 0x1p-32 * n)];
     const Eigen::Vector2d from = b.from - a.from;
     const Eigen::Vector2d to = b.to - a.to;
-    // A rigid motion keeps lengths; two of the same place say nothing of the turn.
+    // Two of the same place say nothing of the turn. A rigid motion keeps lengths.
     const double per_px = a.per_px.norm() + b.per_px.norm();
-    const double length = to.norm();
-    if (!(length > 10.0 * per_px) || std::fabs(length - from.norm()) > options_.inlier_px * per_px) continue;
+    const double length = to.norm(), before = from.norm();
+    if (!(length > 10.0 * per_px && before > 10.0 * per_px)) continue;
+    if (!any_scale && std::fabs(length - before) > options_.inlier_px * per_px) continue;
+    const double stretch = any_scale ? length / before : 1.0;
     Eigen::Vector3d guess;
     guess.z() = std::atan2(to.x() * from.y() - to.y() * from.x(), to.dot(from));
-    guess.head<2>() = 0.5 * (a.from + b.from - rotation(guess.z()) * (a.to + b.to));
-    const int agree = count(guess, options_.inlier_px, false);
+    guess.head<2>() = 0.5 * (a.from + b.from - rotation(guess.z()) * (a.to + b.to) / stretch);
+    const int agree = count(guess, stretch, options_.inlier_px, false);
     if (agree <= best) continue;
     best = agree;
     motion = guess;
+    scale = stretch;
     const double share = std::min(best / n, 0.999);
     wanted = std::max(10.0, chance / std::log1p(-share * share));
   }
-  return best >= 2;
+  return best;
+}
+
+MotionStatus RigidMotionEstimator::why_none(double ratio_plane, PlanarMotion& out) noexcept {
+  Eigen::Vector3d motion;
+  double scale = 1.0;
+  const int agree = search(true, motion, scale);
+  if (agree < options_.min_tracks || agree < options_.min_share * out.used) return MotionStatus::kNoConsensus;
+  // They agree once lengths are free (eq. 20): tracks and planes tell different heights, if by more than a hypothesis
+  // of two tracks may err.
+  if (std::fabs(scale - 1.0) < 2.0 * options_.height_tolerance) return MotionStatus::kNoConsensus;
+  out.height_ratio_plane = ratio_plane;
+  out.height_ratio = ratio_plane / scale;
+  return MotionStatus::kHeightDisagreement;
 }
 
 bool RigidMotionEstimator::refine(Eigen::Vector3d& motion, Eigen::Matrix3d& information,
@@ -252,17 +268,19 @@ PlanarMotion RigidMotionEstimator::estimate(const Camera& camera, std::span<cons
     return out;
   }
   Eigen::Vector3d motion = Eigen::Vector3d::Zero();
-  if (!search(motion)) {
-    out.status = MotionStatus::kNoConsensus;
+  double scale = 1.0;
+  const double ratio_plane = present.distance_m / previous.distance_m;
+  if (search(false, motion, scale) < 2) {
+    out.status = why_none(ratio_plane, out);
     return out;
   }
   Eigen::Matrix3d information;
   double square = 0.0, gate = options_.inlier_px;
   for (int pass = 0; pass < 4; ++pass) {
-    const int agree = count(motion, gate, true);
+    const int agree = count(motion, 1.0, gate, true);
     out.inliers = agree;
     if (agree < options_.min_tracks || agree < options_.min_share * out.used) {
-      out.status = MotionStatus::kNoConsensus;
+      out.status = why_none(ratio_plane, out);
       return out;
     }
     if (!refine(motion, information, square)) {

@@ -67,9 +67,10 @@ enum class PlaneMethod : std::uint8_t {
 struct PlaneOptions {
   PlaneMethod method = PlaneMethod::kRansac;
   /// Standard deviation of the sensor's depth, sigma(z) = a + b z^2: structured light.
-  double sigma_m = 0.0005;       ///< a [m]
-  double sigma_per_m = 0.0014;   ///< b [1/m]
-  double band_sigmas = 3.0;      ///< points nearer to the plane than this many sigma(z) are on it
+  double sigma_m = 0.0005;      ///< a [m]
+  double sigma_per_m = 0.0014;  ///< b [1/m]
+  double band_sigmas = 3.0;     ///< points nearer to the plane than this many sigma(z) are on it
+  double band_m = 0.0;  ///< positive: a fixed band in its place, for surfaces that are flat to less than sigma(z) says
   double min_share = 0.2;        ///< of the finite points that must be on the ground
   int min_points = 50;           ///< finite ones
   double max_tilt_rad = 0.7854;  ///< of the normal against the optical axis; more is a wall
