@@ -329,7 +329,8 @@ class SnapshotRanger:
         -------
         Snapshot
             Columns ``status`` (0 is good), ``toa_s`` (that frame start, by the first path), ``sigma_s``,
-            ``undetected_s`` (what a path too weak to be told apart could add to it), ``first_peak_s``, ``excess_s``, ``paths``, ``snr_db``, ``residual_cfo_hz``.
+            ``undetected_s`` (what a path too weak to be told apart could add to it), ``first_peak_s``, ``excess_s``,
+            ``paths``, ``snr_db``, ``residual_cfo_hz``.
         """
         offsets = np.broadcast_to(np.asarray(cfo_hz, dtype=np.float64), (len(self.cells),))
         return self._ranger.range(iq, np.asarray(frame_start_s, dtype=np.float64), np.ascontiguousarray(offsets))

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "waveform/lte/kernels.hpp"
+#include "waveform/lte/noise_level.hpp"
 
 namespace soopnav::lte {
 

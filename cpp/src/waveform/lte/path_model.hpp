@@ -10,9 +10,6 @@ namespace soopnav::lte {
 
 inline constexpr int kMaxPaths = 8;
 
-/// Level that the largest of `trials` sums of `ports` unit exponentials exceeds with probability `p`.
-[[nodiscard]] double noise_level(int ports, double trials, double p);
-
 /// Discrete paths of a channel: y_p(j) = sum_l a_pl exp(-j 2 pi f_j tau_l / N) + noise, delays common to the ports.
 ///
 /// Paths are added one at a time, the strongest of what is left, as long as it stands out of the noise and of the

@@ -10,8 +10,8 @@
 
 #include "waveform/lte/kernels.hpp"
 #include "waveform/lte/link_tracker.hpp"
+#include "waveform/lte/noise_level.hpp"
 #include "waveform/lte/path_fit.hpp"
-#include "waveform/lte/path_model.hpp"
 #include "waveform/lte/path_subspace.hpp"
 #include "waveform/lte/subframe_reader.hpp"
 
