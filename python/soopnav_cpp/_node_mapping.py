@@ -137,7 +137,7 @@ def locate_nodes(
     heights_m: npt.ArrayLike = 0.0,
     max_distance_m: float = 150.0,
     starts: int = 16,
-    max_iterations: int = 60,
+    max_iterations: int = 200,
     ambiguity_cost: float = 13.8,
     seed: int = 0,
 ) -> NodeMap:

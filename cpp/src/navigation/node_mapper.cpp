@@ -30,6 +30,8 @@ constexpr double kLeastStepM = 1e-4;  // per epoch: a track that is said to be e
 constexpr double kLeastTurnRad = 1e-5;
 constexpr double kPoorFitProbability = 1e-6;
 constexpr double kSingular = 1e-10;
+constexpr int kMirrorRounds = 5;
+constexpr double kSettled = 1e-4;  // of the cost: a hundredth of a sigma
 
 void require(bool holds, std::string_view name, double value, std::string_view rule) {
   if (holds) return;
@@ -223,11 +225,11 @@ void improve(const Problem& p, Normal& normal, Solution& s) {
     next.cost = cost_of(p, next);
     fresh = next.cost <= s.cost;  // false for NaN too
     if (fresh) {
-      const bool settled = s.cost - next.cost < 1e-6 + 1e-12 * s.cost;
+      const bool settled = s.cost - next.cost < kSettled;
       const int iterations = s.iterations;
       s = std::move(next);
       s.iterations = iterations;
-      if (settled && (damping < 1e-2 || step.norm() < 1e-4)) {
+      if (settled && (damping < 1e-1 || step.norm() < 1e-4)) {
         s.converged = true;
         return;
       }
@@ -438,16 +440,18 @@ NodeMap NodeMapper::locate(std::span<const double> t_s, std::span<const Eigen::V
   const double along = 0.5 * std::atan2(2.0 * xy, xx - yy);
   const Vector2d axis(std::cos(along), std::sin(along));
   std::vector<Solution> others(links);
-  for (int round = 0; round < 2; ++round) {
+  for (int round = 0; round < kMirrorRounds; ++round) {
     bool better = false;
-    for (std::size_t l = 0; l < links && !better; ++l) {
+    for (std::size_t l = 0; l < links; ++l) {
       Solution s = best;
       const double side = side_of(best.q[l], middle, axis);
       s.q[l] += 2.0 * side * Vector2d(axis.y(), -axis.x());
       improve(p, normal, s);
       others[l] = std::move(s);
-      better = others[l].cost < best.cost - 1e-3;
-      if (better) best = others[l];
+      // In the last round nobody moves any more, so that all are compared with the same best one.
+      if (round + 1 == kMirrorRounds || !(others[l].cost < best.cost - 1e-2)) continue;
+      best = others[l];
+      better = true;
     }
     if (!better) break;
   }

@@ -21,7 +21,7 @@ struct NodeMapperOptions {
   double heading_rad_per_sqrt_s = 0.0;  ///< random walk of its heading error
   double max_distance_m = 150.0;        ///< of a node from the walk's middle: where starts are looked for
   int starts = 16;                      ///< at most; fewer when the fit is as good as the noise
-  int max_iterations = 60;
+  int max_iterations = 200;
   double ambiguity_cost = 13.8;  ///< another solution counts if its cost is less above the best (odds 1 : 1000)
   std::uint64_t seed = 0;
 };
