@@ -353,6 +353,7 @@ HandsetEstimate HandsetLocator::Impl::estimate() const noexcept {
   const detail::HandsetLayout& at = cloud.layout();
   HandsetEstimate e;
   e.nodes = at.links;
+  e.node_m.fill(Eigen::Vector2d::Zero());  // Eigen's default is no value
   const std::size_t n = cloud.count();
   const bool has_frame = std::isfinite(frame), has_epoch = std::isfinite(epoch);
   if (has_frame || has_epoch) {

@@ -370,7 +370,7 @@ TEST(HandsetLocator, RoomAndWalls) {
   for (int k = 1; k <= 30; ++k) ASSERT_EQ(f.move(step_of({0.1, 0.0, 0.0}), 0.05 * k).use, HandsetUse::kUsed);
   f.particles(x, y, a, weight);
   for (std::size_t i = 0; i < x.size(); ++i) {
-    if (weight[i] > 0.0) EXPECT_TRUE(x[i] <= 5.0 && (x[i] < 0.05 || x[i] > 2.9)) << x[i];
+    EXPECT_TRUE(weight[i] == 0.0 || (x[i] <= 5.0 && (x[i] < 0.05 || x[i] > 2.9))) << x[i];
   }
   EXPECT_EQ(f.move(step_of({20.0, 0.0, 0.0}), 5.0).use, HandsetUse::kWalls);
   EXPECT_TRUE(f.estimate().position_m.allFinite());
