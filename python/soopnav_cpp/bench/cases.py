@@ -10,6 +10,7 @@ import numpy as np
 from soopnav_cpp import array, clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
 from soopnav_cpp.bench.ground_cases import GROUND_CASES
+from soopnav_cpp.bench.handset_cases import HANDSET_CASES
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 from soopnav_cpp.bench.source_cases import SOURCE_CASES
 
@@ -210,6 +211,7 @@ CASES: tuple[Case, ...] = (
     particle_bootstrap(_bootstrap("float"), single=True),
     ALLAN,
     *SOURCE_CASES,
+    *HANDSET_CASES,
     *GROUND_CASES,
     MUSIC,
 )
