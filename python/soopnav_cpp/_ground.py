@@ -44,8 +44,8 @@ def fit_plane(
     band_sigmas
         Points nearer to the plane than this many sigma are on it.
     band_m
-        Positive: a fixed band in place of ``band_sigmas``. A recorded surface bends by a few millimetres that a sensor's
-        noise does not explain; 0.01 suits a Kinect near a metre.
+        Positive: a fixed band in place of ``band_sigmas``. A recorded surface bends by a few millimetres that the
+        sensor's noise does not explain; 0.01 suits a Kinect near a metre.
     min_share, min_points
         Share of the finite points that must be on the ground, and how many there must be.
     max_tilt_rad, min_height_m, max_height_m

@@ -257,7 +257,11 @@ class EgoMotion:
         """
         if (plane is None) == (points is None):
             raise ValueError("plane, points: give one of them")
-        if isinstance(image, np.ndarray) and image.ndim == 2 and image.shape != (self._camera.height, self._camera.width):
+        if (
+            isinstance(image, np.ndarray)
+            and image.ndim == 2
+            and image.shape != (self._camera.height, self._camera.width)
+        ):
             raise ValueError(
                 f"image: {image.shape[1]} x {image.shape[0]} pixels, but the camera is for "
                 f"{self._camera.width} x {self._camera.height}"

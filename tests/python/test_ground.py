@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import soopnav_cpp as sn
-from soopnav_cpp._ground import fit_plane, ground_pixels, ground_points, to_present_axes, to_previous_axes
 from soopnav_cpp.simulation import GroundObject, GroundScene
+from soopnav_cpp.vision import fit_plane, ground_pixels, ground_points, to_present_axes, to_previous_axes
 
 pytestmark = pytest.mark.unit
 

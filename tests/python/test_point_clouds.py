@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import soopnav_cpp as sn
-from soopnav_cpp._ground import fit_plane
+from soopnav_cpp.vision import fit_plane
 
 pytestmark = pytest.mark.unit
 
