@@ -29,13 +29,16 @@ from soopnav_cpp._core.lte import (
     TimeOfArrival,
 )
 from soopnav_cpp._lte_paths import PathResolver, ResolvedPaths, ResolveStatus, Snapshot, SnapshotRanger, resolve_paths
+from soopnav_cpp._lte_tracking import CrsLoop, LoopStatus, StreamEpoch, measurement_stream
 
 __all__ = [
     "CellLostError",
     "CellParameters",
+    "CrsLoop",
     "CyclicPrefix",
     "Detection",
     "Duplex",
+    "LoopStatus",
     "Path",
     "PathResolver",
     "ResolveStatus",
@@ -43,6 +46,7 @@ __all__ = [
     "Searcher",
     "Snapshot",
     "SnapshotRanger",
+    "StreamEpoch",
     "SubframeToa",
     "SubframeToaEstimator",
     "SyncPorts",
@@ -50,6 +54,7 @@ __all__ = [
     "TimeOfArrival",
     "arrival_at",
     "crs",
+    "measurement_stream",
     "noise_variance_for_snr",
     "pss",
     "resolve_paths",

@@ -226,7 +226,8 @@ ResolveStatus PathResolver::Impl::resolve(const ChannelView& channel, ResolvedPa
   view.ports = ports;
   view.frequencies = frequencies;
   view.noise_variance = channel.noise_variance;
-  subspace.compute(channel, centre, options.subspace, options.ignore_gap);
+  // Near zero delay the gap would hardly show: without it the channel is taken as it came.
+  subspace.compute(channel, options.ignore_gap ? 0.0 : centre, options.subspace, options.ignore_gap);
   seen = true;
   fit.set(view);
   const double window = std::min(options.window_s * kSubcarrierSpacingHz, 0.45 / step);
@@ -269,7 +270,10 @@ ResolveStatus PathResolver::Impl::resolve(const ChannelView& channel, ResolvedPa
       PathFit::Delays theta = raw;
       for (double& t : theta) t -= centre;
       PathFit::Solution unpolished;
-      if (fit.evaluate(order, theta, unpolished)) chosen = unpolished;
+      SmallCholesky<double, kMaxResolved> definite;  // two delays in one place are one path
+      if (fit.evaluate(order, theta, unpolished) && definite.factor(unpolished.information, order, 0.0)) {
+        chosen = unpolished;
+      }
     }
   }
 
