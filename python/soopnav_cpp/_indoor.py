@@ -69,9 +69,7 @@ class RoomWall:
         self, start_m: float, stop_m: float, material: str | Material = "glass", thickness_m: float = 0.006
     ) -> list[RoomWall]:
         """The wall with a piece of another material (a window) from `start_m` to `stop_m` along it: 1 to 3 walls."""
-        pieces = _simulation.with_opening(
-            self._tuple(), start_m, stop_m, _material("material", material), thickness_m
-        )
+        pieces = _simulation.with_opening(self._tuple(), start_m, stop_m, _material("material", material), thickness_m)
         return [RoomWall((ax, ay), (bx, by), made, thick) for ax, ay, bx, by, made, thick in pieces]
 
 

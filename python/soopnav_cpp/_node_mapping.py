@@ -227,7 +227,9 @@ def locate_nodes(
         which = ", ".join(str(i) for i in np.flatnonzero(sided))
         words.append(f"the side of the walk on which node {which} lies: mirror_m holds the other solution")
     if undetermined:
-        words.append(f"{undetermined} further directions of positions and offsets: the walk is too small or too straight")
+        words.append(
+            f"{undetermined} further directions of positions and offsets: the walk is too small or too straight"
+        )
     if status is NodeMapStatus.TOO_FEW:
         words.append("everything: fewer ranges than unknowns, or a free clock with fewer than three nodes")
     return NodeMap(

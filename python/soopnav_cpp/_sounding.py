@@ -36,7 +36,12 @@ def subcarrier_hz(n_rb: int) -> _Floats:
 
 
 def turntable(
-    radius_m: float, n: int, *, centre_m: npt.ArrayLike = (0.0, 0.0), start_rad: float = 0.0, turn_rad: float = 2 * np.pi
+    radius_m: float,
+    n: int,
+    *,
+    centre_m: npt.ArrayLike = (0.0, 0.0),
+    start_rad: float = 0.0,
+    turn_rad: float = 2 * np.pi,
 ) -> _Floats:
     """Places of an antenna on a turntable's rim, shape (n, 2): `n` equal steps of `turn_rad` / n, counter-clockwise."""
     if not (radius_m > 0.0 and np.isfinite(radius_m)):

@@ -87,7 +87,7 @@ def one_session(seed: int) -> dict[str, _Floats]:
 
 
 def replay(seed: int, lab: Lab) -> tuple[float, float]:
-    """Relative error in the occupied band of LTE samples over a saved and loaded record; and whether the file gave the record back."""
+    """Relative error, in their band, of LTE samples over a loaded record; whether the file gave the record back."""
     channels, gain = channels_of(seed, 1)
     record = simulation.ChannelSounder(reference_gain=gain, seed=seed % 2**32).record(channels)
     path = lab.out / f"{lab.experiment.id}_record.npz"
@@ -168,7 +168,7 @@ def sounding(lab: Lab) -> Iterator[Claim]:
     yield Claim("its stated sigma at 10 MHz over the middle's", edge[:, 0].min(), above(10.0))
     pooled = {name: float(np.mean([s[name] for s in sessions])) for name in sessions[0] if sessions[0][name].ndim == 0}
     yield Claim("stepped tone: relative error of magnitudes", pooled["magnitude"], at_most(5e-3))
-    yield Claim("stepped tone: phases agree from place to place under one lock", pooled["across_places"], at_least(0.99))
+    yield Claim("stepped tone: phases agree between places under one lock", pooled["across_places"], at_least(0.99))
     yield Claim("stepped tone: phases agree from tone to tone", pooled["across_tones"], at_most(0.3))
     yield Claim("with a reference channel: relative error of complex gains", pooled["with_reference"], at_most(6e-3))
     yield Claim(
