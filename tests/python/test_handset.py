@@ -54,7 +54,8 @@ def test_finds_the_handset_and_says_how_well(world):
     assert found.error_m(world.position_m)[settled].max() < 1.5
     assert found.nees(world.position_m)[settled].mean() < 12.0
     assert np.mean((found.p_los < 0.5) == world.nlos.blocked) > 0.95
-    assert set(found.status) == {HandsetStatus.TRACKING}
+    assert found.status[0] is HandsetStatus.COASTING  # no step yet
+    assert set(found.status[1:]) == {HandsetStatus.TRACKING}
     assert set(found.frame_use) == {HandsetUse.USED}
     assert "200 epochs of 6 links" in repr(found)
 

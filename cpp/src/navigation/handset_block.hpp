@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -372,7 +373,7 @@ SOOPNAV_INLINE void add_sight(const LinkWork& work, const Block& block, int l, c
 
 struct RangeWork : LinkWork {
   double height_m;
-  double stay_blocked, get_blocked;
+  std::array<double, kMaxHandsetNodes> stay_blocked, get_blocked;  ///< eq. 2
   double outlier_density;
   double excess_mean, excess_variance;
 
@@ -422,7 +423,8 @@ struct RangeWork : LinkWork {
     const Lanes v1 = v0 - block.mean(e);
     double* boolean = block.row(block.first_boolean + l);
     const auto was = Lanes::load(boolean) > Lanes(0.5);
-    const Lanes blocked = select(was, Lanes(stay_blocked), Lanes(get_blocked));
+    const Lanes blocked =
+        select(was, Lanes(stay_blocked[static_cast<std::size_t>(l)]), Lanes(get_blocked[static_cast<std::size_t>(l)]));
     const Lanes clear_part = share * (Lanes(1.0) - blocked) * density(v0, s0);
     const Lanes blocked_part = share * blocked * density(v1, s1);
     const Lanes total = max(clear_part + blocked_part + floor, Lanes(1e-300));

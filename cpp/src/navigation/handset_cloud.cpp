@@ -211,8 +211,8 @@ void HandsetCloud::age_links(double dt_s) noexcept {
                       o_.excess_walk_m2ps * dt_s, o_.node_offset_walk_m2ps * dt_s});
 }
 
-double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<const double> sigma_m, double dt_s,
-                                  const Eigen::Vector2d& ahead_b_m) noexcept {
+double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<const double> sigma_m,
+                                  std::span<const double> silent_s, const Eigen::Vector2d& ahead_b_m) noexcept {
   RangeWork work{};
   work.links = range_m.data();
   work.sigma = sigma_m.data();
@@ -222,9 +222,11 @@ double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<con
   work.feet = feet_ && at_.vx < 0;
   const double rate = 1.0 / o_.mean_los_s + 1.0 / o_.mean_nlos_s;
   const double stationary = o_.mean_nlos_s / (o_.mean_los_s + o_.mean_nlos_s);
-  const double kept = std::exp(-rate * std::max(dt_s, 0.0));
-  work.stay_blocked = stationary + (1.0 - stationary) * kept;
-  work.get_blocked = stationary * (1.0 - kept);
+  for (std::size_t l = 0; l < range_m.size(); ++l) {
+    const double kept = std::exp(-rate * std::max(silent_s[l], 0.0));
+    work.stay_blocked[l] = stationary + (1.0 - stationary) * kept;
+    work.get_blocked[l] = stationary * (1.0 - kept);
+  }
   work.outlier = o_.outlier_probability;
   work.outlier_density = o_.outlier_probability / o_.outlier_span_m;
   work.excess_mean = excess_mean_;

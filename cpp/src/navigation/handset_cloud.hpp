@@ -56,9 +56,10 @@ class HandsetCloud {
   /// Clocks, offsets and excess delays after `dt_s`.
   void age_links(double dt_s) noexcept;
 
-  /// `ahead_b_m`: from the pose to the handset at this epoch, in the body's axes. Share of outliers returned.
-  double weigh_ranges(std::span<const double> range_m, std::span<const double> sigma_m, double dt_s,
-                      const Eigen::Vector2d& ahead_b_m) noexcept;
+  /// `silent_s`: since each link's last range. `ahead_b_m`: from the pose to the handset at this epoch, in the body's
+  /// axes. Share of outliers returned.
+  double weigh_ranges(std::span<const double> range_m, std::span<const double> sigma_m,
+                      std::span<const double> silent_s, const Eigen::Vector2d& ahead_b_m) noexcept;
   double weigh_bearings(std::span<const double> bearing_rad, std::span<const double> sigma_rad,
                         std::span<const double> mirror_rad, bool of_body, const Eigen::Vector2d& ahead_b_m) noexcept;
   /// Weights of those outside `room` or that crossed a wall become zero. False when none are left: nothing done.

@@ -173,6 +173,8 @@ struct HandsetLocator::Impl {
   Eigen::Vector2d step_b_mps = Eigen::Vector2d::Zero();
   double turn_radps = 0.0;
   int bad_epochs = 0;
+  std::array<double, kMaxHandsetNodes> heard_at{};  // each link's last range: its Boolean's chain runs from there
+  std::array<double, kMaxHandsetNodes> silent_s{};
 
   explicit Impl(const HandsetOptions& o) : options((o.check(), o)), cloud(o), places(o.particles) { reset(o.seed); }
 
@@ -185,6 +187,7 @@ struct HandsetLocator::Impl {
     step_b_mps.setZero();
     turn_radps = 0.0;
     bad_epochs = 0;
+    heard_at.fill(HandsetEstimate::kNan);
   }
 
   [[nodiscard]] bool type2() const noexcept { return options.filter == HandsetFilter::kMeasurement; }
@@ -284,7 +287,6 @@ struct HandsetLocator::Impl {
     if (type2()) {
       if (std::isfinite(now)) drift_to(t);
       if (!std::isfinite(now) || t > now) now = t;
-      if (std::isfinite(frame) && t - frame > options.coast_after_s) chained = chained && true;
     } else if (std::isfinite(frame) ? t - frame > options.coast_after_s : std::isfinite(now)) {
       step_b_mps.setZero();
       drift_to(t);
@@ -336,14 +338,13 @@ struct HandsetLocator::Impl {
     for (std::size_t l = 0; l < z.size(); ++l) {
       report.heard += std::isfinite(z[l]) && sigma[l] > 0.0 && std::isfinite(sigma[l]) ? 1 : 0;
     }
-    const double dt = std::isfinite(epoch) ? t - epoch : 0.0;
-    cloud.age_links(dt);
+    cloud.age_links(std::isfinite(epoch) ? t - epoch : 0.0);
     if (report.heard == 0) {
       epoch = t;
       report.use = HandsetUse::kNothingHeard;
       return report;
     }
-    return finish_epoch(report, t, weigh(dt));
+    return finish_epoch(report, t, weigh());
   }
 
   [[nodiscard]] HandsetEstimate estimate() const noexcept;
@@ -495,8 +496,12 @@ HandsetReport HandsetLocator::coast(double t_s) noexcept { return impl_->coast(t
 
 HandsetReport HandsetLocator::update_ranges(std::span<const double> range_m, std::span<const double> sigma_m,
                                             double t_s) noexcept {
-  return impl_->update(range_m, sigma_m, t_s, [&](double dt_s) {
-    return impl_->cloud.weigh_ranges(range_m, sigma_m, dt_s, impl_->ahead(t_s));
+  return impl_->update(range_m, sigma_m, t_s, [&] {
+    for (std::size_t l = 0; l < range_m.size(); ++l) {
+      impl_->silent_s[l] = std::isfinite(impl_->heard_at[l]) ? t_s - impl_->heard_at[l] : 0.0;
+      if (std::isfinite(range_m[l]) && sigma_m[l] > 0.0) impl_->heard_at[l] = t_s;
+    }
+    return impl_->cloud.weigh_ranges(range_m, sigma_m, impl_->silent_s, impl_->ahead(t_s));
   });
 }
 
@@ -508,7 +513,7 @@ HandsetReport HandsetLocator::update_bearings(std::span<const double> bearing_ra
     report.ess = impl_->cloud.ess();
     return report;
   }
-  return impl_->update(bearing_rad, sigma_rad, t_s, [&](double) {
+  return impl_->update(bearing_rad, sigma_rad, t_s, [&] {
     return impl_->cloud.weigh_bearings(bearing_rad, sigma_rad, mirror_rad, of_body, impl_->ahead(t_s));
   });
 }
