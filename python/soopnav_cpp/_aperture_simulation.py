@@ -88,10 +88,10 @@ def aperture_snapshots(
     wavelength = of_nodes(wavelength_m)
     if clock is not None and phase_rad is not None:
         raise ValueError("clock, phase_rad: only one of them says the receiver's phase")
-    phase = np.zeros(len(times)) if phase_rad is None else np.asarray(phase_rad, dtype=np.float64)
+    phase: _Floats = np.zeros(len(times)) if phase_rad is None else np.asarray(phase_rad, dtype=np.float64)
     if clock is not None:
         bias_m = clock.simulate_at(times - times[0], seed=seed).bias_m
-        phase = -2.0 * np.pi / wavelength[0] * (bias_m - bias_m[0])
+        phase = np.asarray(-2.0 * np.pi / wavelength[0] * (bias_m - bias_m[0]), dtype=np.float64)
     k_factor = np.minimum(10.0 ** (of_nodes(k_factor_db) / 10.0), 1e300)
     phasors = _simulation.render_aperture(
         bearing,

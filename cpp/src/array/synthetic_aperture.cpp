@@ -270,7 +270,9 @@ void SyntheticAperture::Work::fit(const ApertureOptions& options, std::size_t re
   };
   for (std::size_t s = 0; s < found; ++s) {
     search.start(s, m);
-    if (best.theta.size() != m.nodes) keep(best), keep(second), keep(trial);
+    if (s == 0) {
+      for (Answer* const answer : {&best, &second, &trial}) keep(*answer);  // of this problem's sizes, whatever comes
+    }
     consider();
   }
   // The mirror image of the best, about the path's long axis.

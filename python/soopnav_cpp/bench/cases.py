@@ -9,6 +9,7 @@ import numpy as np
 
 from soopnav_cpp import array, clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
+from soopnav_cpp.bench.aperture_cases import APERTURE_CASES
 from soopnav_cpp.bench.ground_cases import GROUND_CASES
 from soopnav_cpp.bench.handset_cases import HANDSET_CASES
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
@@ -213,5 +214,6 @@ CASES: tuple[Case, ...] = (
     *SOURCE_CASES,
     *HANDSET_CASES,
     *GROUND_CASES,
+    *APERTURE_CASES,
     MUSIC,
 )

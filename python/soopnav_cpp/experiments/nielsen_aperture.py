@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -209,8 +210,8 @@ def blind(seed: int, batch: int) -> Floats:
 
 
 def rms_deg(error_rad: npt.ArrayLike) -> float:
-    """Root mean square in degrees."""
-    return float(np.rad2deg(np.sqrt(np.mean(np.square(error_rad)))))
+    """Root mean square in degrees, of what there is."""
+    return float(np.rad2deg(np.sqrt(np.nanmean(np.square(error_rad)))))
 
 
 def draw_patterns(lab: Lab) -> None:
@@ -220,7 +221,7 @@ def draw_patterns(lab: Lab) -> None:
     grid = np.linspace(-np.pi, np.pi, 721)
     with lab.figure(10.0, 4.6, part="patterns") as figure:
         paths = figure.add_subplot(1, 2, 1)
-        beams = figure.add_subplot(1, 2, 2, projection="polar")
+        beams: Any = figure.add_subplot(1, 2, 2, projection="polar")
         style(paths, "Paths of 5 wavelengths", "x [wavelengths]", "y [wavelengths]")
         beams.set_title("Beam towards a node at 40°, amplitude", fontsize=10)
         for (name, path), colour in zip(shapes, COLOURS, strict=False):
@@ -256,8 +257,8 @@ def synthetic_array(lab: Lab) -> Iterator[Claim]:
         rows = np.concatenate(lab.map(loops, nodes, angle, sigma, batch))
         errors[name], bounds[name] = rows[:, :nodes], rows[:, nodes:-2]
         ratios.append(rms_deg(errors[name]) / rms_deg(bounds[name]))
-        nees.append(float(np.mean(rows[:, -2]) / nodes))
-        single.append(float(np.mean(rows[:, -1])))
+        nees.append(float(np.nanmean(rows[:, -2]) / nodes))
+        single.append(float(np.mean(rows[:, -1] * np.isfinite(rows).all(axis=1))))
     lines = np.concatenate(lab.map(straight, 40))
     coherence = np.concatenate(lab.map(coherences, 300))
     mixtures = np.concatenate(lab.map(mixed, 10))
@@ -276,6 +277,7 @@ def synthetic_array(lab: Lab) -> Iterator[Claim]:
         axes[0, 0].legend(frameon=False, fontsize=8, loc="upper left")
         style(axes[0, 1], "Errors over their bound, closed loop", "error / bound", "density")
         pooled = np.concatenate([(errors[name] / bounds[name]).ravel() for name in list(cases)[:3]])
+        pooled = pooled[np.isfinite(pooled)]
         axes[0, 1].hist(pooled, bins=np.linspace(-4.5, 4.5, 46), density=True, color="#9fb0bd")
         x = np.linspace(-4.5, 4.5, 200)
         axes[0, 1].plot(x, np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi), color="#22303c", lw=1.2, label="standard normal")
@@ -304,11 +306,9 @@ def synthetic_array(lab: Lab) -> Iterator[Claim]:
             for name, ratio, value in zip(cases, ratios, nees, strict=True)
         ],
     )
-    lab.save(
-        coherence=coherence, one_node_rad=alone, blind_rad=angles, mixed=mixtures,
-        **{f"error_rad_{i}": e for i, e in enumerate(errors.values())},
-        **{f"bound_rad_{i}": b for i, b in enumerate(bounds.values())},
-    )  # fmt: skip
+    lab.save(coherence=coherence, one_node_rad=alone, blind_rad=angles, mixed=mixtures)
+    for i, name in enumerate(cases):
+        lab.save(part=f"errors_{i}", error_rad=errors[name], bound_rad=bounds[name])
 
     yield Claim(
         "closed loop, free TCXO phase, an offset per node: rms over the bound (3 and 4 nodes, 0.5 mm per root step; 3 "
