@@ -9,6 +9,8 @@ namespace {
 
 constexpr double kAmplitudeFloor = 0.05;  // of a node's rms: a start far off must not take a node out of the equations
 constexpr int kMaxTries = 12;
+constexpr int kNoiseSteps = 10;    // then the noise stays: a noise that follows each step may go round in circles
+constexpr double kFlatRad = 1e-4;  // no step of this size is downhill any more: rounding has the last word
 constexpr double kSingularPivot = 1e-10;  // of the diagonal before the nuisances are taken out
 
 // Inverse of a symmetric positive definite 3 x 3, row by row.
@@ -383,9 +385,9 @@ bool ApertureModel::solve(int max_steps, double settled_rad, bool own_noise, int
       }
       damping = std::max(10.0 * damping, 1e-4);
     }
-    if (!better) return largest < 1e3 * settled_rad;
+    if (!better) return largest < kFlatRad;
     damping = damping < 1e-9 ? 0.0 : 0.03 * damping;
-    if (own_noise) {
+    if (own_noise && step < kNoiseSteps) {
       estimate_noise();
       last = cost();
     }

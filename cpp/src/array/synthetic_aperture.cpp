@@ -19,8 +19,8 @@ constexpr double kStraightRad = 0.1;  // rms phase that the path's lesser axis m
 constexpr double kFreeStepRad = 0.6;  // a walk of longer steps wraps: its prior is of no use
 constexpr double kGap = 6.0;          // e^-6: the second answer counts below
 constexpr double kApartRad = 0.1;     // answers nearer than this are one
-constexpr double kCoarseRad = 1e-3, kSettledRad = 1e-8;
-constexpr int kCoarseSteps = 10, kFineSteps = 60;
+constexpr double kCoarseRad = 1e-3, kSettledRad = 1e-7;
+constexpr int kCoarseSteps = 10, kFineSteps = 100;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 void require_size(const char* name, std::size_t size, std::size_t expected, const char* rule) {
