@@ -254,3 +254,27 @@ def test_bearings_from_iq_of_lte_cells() -> None:
     snr_db = 10.0 * np.log10(found.amplitude**2 / found.noise_variance)
     assert (snr_db > 5.0).all()
     assert (snr_db < 14.0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.consistency
+def test_claims_hold(tmp_path: Any) -> None:
+    from soopnav_cpp.experiments.registry import REGISTRY, perform
+
+    [item] = REGISTRY.select(["nielsen-x1"])
+    outcome = perform(item, seed=1, out=tmp_path)
+    assert outcome.error is None, outcome.error
+    assert [claim.claim for claim in outcome.claims if not claim.holds] == []
+
+
+@pytest.mark.consistency
+def test_a_small_share_of_nielsen_x1() -> None:
+    """Forty loops under a TCXO: errors as large as the bound, and a bound three times as small would not do."""
+    from soopnav_cpp.experiments import nielsen_aperture
+
+    rows = nielsen_aperture.loops(1, 4, 2.0 * np.pi, nielsen_aperture.PATH_SIGMA_M, 40)
+    assert np.isfinite(rows).all()
+    assert rows[:, -1].mean() > 0.9
+    ratio = np.sqrt(np.mean((rows[:, :4] / rows[:, 4:8]) ** 2))
+    assert 0.7 < ratio < 1.35
+    assert 2.2 < rows[:, -2].mean() < 6.0
