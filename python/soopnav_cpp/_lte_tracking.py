@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -166,7 +167,7 @@ def _blocks(path: Path, sample_rate_hz: float | None) -> tuple[float, float, Ite
     def read_blocks() -> Iterator[tuple[int, Complex]]:
         step = max(1, int(_BLOCK_S * rate))
         edges = sorted({0, length, *range(0, length, step), *(at for at in lost if 0 < at < length)})
-        for start, end in zip(edges, edges[1:], strict=False):
+        for start, end in itertools.pairwise(edges):
             yield lost.get(start, 0), fmt.decode(np.ascontiguousarray(stored[2 * start : 2 * end]))
 
     return rate, carrier, read_blocks()

@@ -22,6 +22,7 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kSubframeS = 1e-3;
 constexpr double kGapS = 20e-3;       // beyond it the phase is not carried on
 constexpr double kSlipCycles = 0.3;   // phase errors beyond are slips
+constexpr int kPulling = 3;           // updates of an arc that look for delay and offset anew
 constexpr double kSettledLock = 0.8;  // mean cosine at which pulling in ends
 constexpr double kLostLock = 0.3;
 constexpr double kLeastSnr = 4.0;    // of a subframe's prompt sum, for an update that counts
@@ -54,6 +55,7 @@ struct CrsLoop::Impl {
     subframes = tdd ? 0x21U : 0x3ffU;
     reader.tracker().set_subframes(0x3ffU & ~(tdd ? 0x42U : 0U));  // special ones never hold both slots
     buffer.reserve(static_cast<std::size_t>(4e-3 * o.sample_rate_hz));
+    phasor.resize(static_cast<std::size_t>(reader.elements()));
     toa_s = c.frame_start_s;
     toa_time_s = c.frame_start_s;
     cfo_hz = c.cfo_hz;
@@ -88,6 +90,8 @@ struct CrsLoop::Impl {
   double bad_since_s = -1.0;
   int arc = 0, found_in_row = 0;
   double found_delay_s = 0.0;
+  int missed_in_row = 0;
+  std::vector<Cf32> phasor;
 
   Smooth<double> signal, noise, lock, turn_hz, interval;
   Smooth<double> power0;
@@ -114,7 +118,7 @@ struct CrsLoop::Impl {
     power0.clear();
   }
   bool step();
-  void track(double time_s, double taken_hz, int subframe);
+  void track(double time_s, double taken_hz, int subframe, bool pulling);
   void missed(double time_s, int subframe);
   bool look_for();
   void emit(double time_s, LoopStatus status, int subframe);
@@ -141,6 +145,18 @@ void CrsLoop::Impl::missed(double time_s, int subframe) {
     lost = true;
     found_in_row = 0;
     cfo_rate = 0.0;
+  }
+  if (!lost && started && age < 10 && ++missed_in_row >= 2) {  // begun on something else: begin again
+    started = false;
+    cfo_hz = cell.cfo_hz;
+    cfo_rate = 0.0;
+    delay_age = age = 0;
+    signal.clear();
+    noise.clear();
+    lock.clear();
+    turn_hz.clear();
+    power0.clear();
+    for (auto& b : between) b.clear();
   }
   last.phase_error_cycles = last.delay_error_s = 0.0;
   emit(time_s, lost ? LoopStatus::kLost : LoopStatus::kCoasting, subframe);
@@ -175,20 +191,31 @@ bool CrsLoop::Impl::probe(int subframe, bool there) {
   return there && (subframes & bit) != 0;
 }
 
-void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe) {
+void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe, bool pulling) {
   const int ports = reader.ports(), elements = reader.elements();
   const double rate = reader.rate_hz();
   const double unit = 0.5 * std::max(reader.noise_variance(), 1e-14 * reader.energy());  // of one channel value
 
-  // Sums over the comb at the predicted delay, each port's phase brought to port 0's by their mean product.
-  std::array<Complex, kMaxPorts> prompt{};
+  // Delay: the comb's maximum-likelihood one about the prediction; at the start wherever it is.
   std::array<const Cf32*, kMaxPorts> y{};
+  for (int p = 0; p < ports; ++p) y[static_cast<std::size_t>(p)] = reader.channel(p);
+  const bool anywhere = lost || delay_age < 1;
+  const DelayFit fit = refine_delay(y.data(), nullptr, ports, reader.frequencies().data(), elements, reader.fft_size(),
+                                    anywhere ? coarse.estimate(y.data(), ports, elements, reader.fft_size()) : 0.0);
+  const bool delayed = fit.converged && std::abs(fit.tau) < 6e-6 * rate;
+
+  // Sums over the comb at the predicted delay (pulling in: at the measured one), each port's phase brought to port 0's
+  // by their mean product.
+  const double turns = pulling && delayed ? fit.tau / reader.fft_size() : 0.0;
+  const auto half = static_cast<std::size_t>(elements / 2);
+  kernels::phasors(turns * reader.frequencies()[0], 3.0 * turns, phasor.data(), half);
+  kernels::phasors(turns * reader.frequencies()[half], 3.0 * turns, phasor.data() + half, half);
+  std::array<Complex, kMaxPorts> prompt{};
   double power = 0.0;
   for (int p = 0; p < ports; ++p) {
     const auto u = static_cast<std::size_t>(p);
-    y[u] = reader.channel(p);
     Complex sum = 0.0;
-    for (int j = 0; j < elements; ++j) sum += Complex(y[u][j]);
+    for (std::size_t j = 0; j < 2 * half; ++j) sum += Complex(kernels::multiply(y[u][j], phasor[j]));
     prompt[u] = sum;
     power += std::norm(sum);
   }
@@ -207,8 +234,10 @@ void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe) {
   }
   // The reading took this frequency out, phase zero at the buffer's first sample.
   const double taken_out = taken_hz * (time_s - static_cast<double>(begin) / rate);
-  const double measured = std::arg(combined) / kTwoPi + taken_out;
   const double offset_hz = reader.turn_rad() / (kTwoPi * 0.5e-3);
+  // With the slots' turn taken out the phase is that of the first reference symbol.
+  const double since_first_s = reader.mean_time_s() - (cyclic_prefix_samples(cell.cp, 0, 128) + 64.0) / kBaseRateHz;
+  const double measured = std::arg(combined) / kTwoPi + taken_out + (pulling ? offset_hz * since_first_s : 0.0);
   // What is followed may fade into the noise for an update; what was strong and is gone says nothing.
   const bool gone = signal.value > 12.0 && snr < 0.15 * signal.value;
   const bool usable = started ? !gone : snr > noise_level(ports, 10.0, 1e-3);
@@ -239,6 +268,7 @@ void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe) {
     missed(time_s, subframe);
     return;
   }
+  missed_in_row = 0;
   signal.add(snr, memory(kSmoothS));
   noise.add(unit, memory(kSmoothS));
   const double steady = std::max(signal.value, 1.0);
@@ -301,12 +331,8 @@ void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe) {
   between = between_now;
   power0 = power_now;
 
-  // Delay: the comb's maximum-likelihood delay about the prediction.
-  const DelayFit fit =
-      refine_delay(y.data(), nullptr, ports, reader.frequencies().data(), elements, reader.fft_size(),
-                   delay_age < 2 ? coarse.estimate(y.data(), ports, elements, reader.fft_size()) : 0.0);
   const double predicted_toa = toa_at(time_s), delay_dt = std::max(time_s - toa_time_s, 1e-6);
-  if (fit.converged && std::abs(fit.tau) < 6e-6 * rate) {
+  if (delayed) {
     const double error = fit.tau / rate;
     last.delay_error_s = error;
     ++delay_age;
@@ -365,8 +391,9 @@ bool CrsLoop::Impl::step() {
   if (sent && within) {
     const double start = start_s * rate - static_cast<double>(begin);
     const double taken_hz = cfo_hz + (started ? (middle_s - phase_time_s) * cfo_rate : 0.0);
-    if (reader.read(buffer, subframe, start, taken_hz / rate, false)) {
-      track(middle_s, taken_hz, subframe);
+    const bool pulling = !started || lost || age < kPulling;
+    if (reader.read(buffer, subframe, start, taken_hz / rate, pulling)) {
+      track(middle_s, taken_hz, subframe, pulling);
     } else if (!tdd || subframe % 5 == 0) {
       missed(middle_s, subframe);
     }
