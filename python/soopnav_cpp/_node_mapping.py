@@ -94,11 +94,11 @@ class NodeStart:
     ----------
     ok : bool
     position_m, mirror_m : ndarray, shape (2,)
-        The best solution, and the best on the walk's other side.
+        The best solution, and the best on the walk's other side; NaN where that side has none.
     offset_m, mirror_offset_m : float
         Node's time and receiver's clock together.
     cost, mirror_cost : float
-        Sums of squares over sigma². Close to each other: the side is not known.
+        Sums of squares over sigma². Close to each other: the side is not known. Infinite without a mirror.
     covariance : ndarray, shape (3, 3)
         Of position and offset.
     """
@@ -148,9 +148,9 @@ def locate_nodes(
     are in the walk's own frame.
 
     What no walk tells is one time common to clock and nodes, and where the frame lies in the world. A straight walk
-    does not tell a node's side: both solutions are given. `ambiguities` says which of it applies. A walk should span two
-    thirds of the nodes' distance or more; from a small one, distance and offset are nearly the same unknown, and the
-    covariance says so.
+    does not tell a node's side: both solutions are given. `ambiguities` says which of it applies. A walk should reach
+    two thirds of the nodes' distance from its middle, or more: from a small one, distance and offset are nearly the same
+    unknown, and the covariance says so.
 
     Parameters
     ----------

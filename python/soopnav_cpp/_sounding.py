@@ -194,7 +194,7 @@ class SoundingRecord:
         if self.places_m is not None:
             arrays["places_m"] = self.places_m
         head = {"format": _FORMAT, "version": _VERSION, "units": _UNITS, "checksum": _checksum(arrays)}
-        with open(path, "wb") as file:
+        with Path(path).open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(head)), **cast("dict[str, Any]", arrays))
 
     @classmethod

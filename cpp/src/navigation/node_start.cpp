@@ -134,9 +134,12 @@ NodeStart start_node(std::span<const Eigen::Vector2d> place_m, std::span<const d
   out.position_m = {a.x, a.y};
   out.offset_m = a.offset;
   out.cost = a.cost / variance;
-  out.mirror_m = {b.x, b.y};
-  out.mirror_offset_m = b.offset;
-  out.mirror_cost = b.cost / variance;
+  const auto side = [&](const Fit& f) { return ax * (f.y - middle.y()) - ay * (f.x - middle.x()); };
+  if (side(a) * side(b) < 0.0) {  // it may have run into the same answer
+    out.mirror_m = {b.x, b.y};
+    out.mirror_offset_m = b.offset;
+    out.mirror_cost = b.cost / variance;
+  }
   const Eigen::LDLT<Eigen::Matrix3d> factor(information[first]);
   const bool regular = factor.rcond() > 1e-12;
   if (regular) out.covariance = variance * factor.solve(Eigen::Matrix3d::Identity());

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -86,12 +87,13 @@ class NodeMapper {
 struct NodeStart {
   bool ok = false;  ///< at least 4 ranges, a solution within the distance
   Eigen::Vector2d position_m = Eigen::Vector2d::Zero();
-  Eigen::Vector2d mirror_m = Eigen::Vector2d::Zero();  ///< the best solution on the walk's other side
-  double offset_m = 0.0;                               ///< of the range: node's time and clock together
+  /// The best solution on the walk's other side; NaN when there is none.
+  Eigen::Vector2d mirror_m = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  double offset_m = 0.0;  ///< of the range: node's time and clock together
   double mirror_offset_m = 0.0;
-  double cost = 0.0;                                     ///< sum of squares over sigma^2
-  double mirror_cost = 0.0;                              ///< close to `cost`: the side is not known
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of position and offset
+  double cost = 0.0;                                             ///< sum of squares over sigma^2
+  double mirror_cost = std::numeric_limits<double>::infinity();  ///< close to `cost`: the side is not known
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();          ///< of position and offset
 };
 
 /// Best start of one node: polar grid about the walk's middle, offset in closed form, then Gauss-Newton, on either side
