@@ -301,8 +301,8 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
             (control, t, BLUE, "LTE and camera, type 1"),
         ):
             axes.semilogy(time_s, np.sqrt(np.mean(errors**2, axis=0)), color=color, linewidth=1.4, label=label)
-        axes.set_ylim(0.03, 30.0)
-        axes.legend(fontsize=8, loc="upper right", framealpha=0.9)
+        axes.set_ylim(0.03, 15.0)
+        axes.legend(fontsize=8, loc="center right", framealpha=0.9)
     lab.save(
         control_m=control,
         measurement_m=measurement,
@@ -357,13 +357,18 @@ def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
         grid = figure.add_gridspec(2, 4, width_ratios=(1.15, 1.15, 1.0, 1.0))
         axes = figure.add_subplot(grid[:, :2])
         style(axes, "Walk among six nodes", "x [m]", "y [m]")
-        axes.plot(world.nodes_m[:, 0], world.nodes_m[:, 1], "^", color=GREEN, markersize=8, label="nodes")
         lte = alone(world).position_m
         axes.plot(lte[:, 0], lte[:, 1], color=RED, linewidth=0.7, alpha=0.7, label="LTE alone")
-        axes.plot(world.pose[:, 0], world.pose[:, 1], color="black", linewidth=2.2, label="truth")
-        axes.plot(found[:, 0], found[:, 1], color=BLUE, linewidth=1.1, label="LTE and camera")
+        axes.plot(world.pose[:, 0], world.pose[:, 1], color="black", linewidth=3.0, label="truth")
+        axes.plot(found[:, 0], found[:, 1], color="#8ecae6", linewidth=1.0, label="LTE and camera")
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=8, loc="upper right", framealpha=0.9)
+        inset = axes.inset_axes((0.02, 0.02, 0.3, 0.3))
+        inset.plot(world.nodes_m[:, 0], world.nodes_m[:, 1], "^", color=GREEN, markersize=5)
+        inset.plot(world.pose[:, 0], world.pose[:, 1], color="black", linewidth=1.0)
+        inset.set_aspect("equal", adjustable="datalim")
+        inset.set_title("nodes, 25 to 60 m", fontsize=7)
+        inset.tick_params(labelsize=6)
         for place, cloud in enumerate(shown.values()):
             assert cloud is not None
             (x, y, _, _), truth, t = cloud
