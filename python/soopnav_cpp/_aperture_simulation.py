@@ -79,7 +79,7 @@ def aperture_snapshots(
     seed : int
     """
     path = np.asarray(path_m, dtype=np.float64)
-    times = 0.04 * np.arange(len(path)) if time_s is None else np.asarray(time_s, dtype=np.float64)
+    times = np.asarray(0.04 * np.arange(len(path)) if time_s is None else time_s, dtype=np.float64)
     bearing = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
 
     def of_nodes(value: npt.ArrayLike) -> _Floats:

@@ -10,6 +10,8 @@ import numpy.typing
 import typing
 
 __all__: list[str] = [
+    "ApertureOptions",
+    "ApertureStatus",
     "ArrayGeometry",
     "ArrayStatus",
     "CalibrationReport",
@@ -17,8 +19,13 @@ __all__: list[str] = [
     "DirectionFinder",
     "Manifold",
     "SteeringTable",
+    "SyntheticAperture",
+    "aperture_crlb",
+    "aperture_directions",
+    "aperture_spectrum",
     "apply_correction",
     "calibrate",
+    "check_bearings",
     "covariance",
     "crlb",
     "eigenvalues",
@@ -325,6 +332,102 @@ class CalibrationReport:
         Of what was at fault.
         """
 
+class ApertureStatus(enum.IntEnum):
+    """
+    What an aperture's data allowed.
+    """
+
+    NON_FINITE = ...
+    NO_CONVERGENCE = ...
+    NO_POWER = ...
+    OK = ...
+    PATH_TOO_SHORT = ...
+    SINGULAR = ...
+    STEP_TOO_LONG = ...
+    TOO_FEW_COHERENT = ...
+    TOO_FEW_NODES = ...
+    TOO_FEW_SNAPSHOTS = ...
+    TWO_ANSWERS = ...
+    def __format__(self, format_spec): ...
+
+class ApertureOptions:
+    """
+    What is unknown about an aperture.
+    """
+    def __init__(
+        self,
+        *,
+        phase: str = "free",
+        phase_sigma_rad_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        frequency_offsets: bool = True,
+        max_frequency_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        path_sigma_m_per_sqrt_step: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        noise_variance: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        coherence_threshold: typing.SupportsFloat | typing.SupportsIndex = 0.7,
+        max_sigma_rad: typing.SupportsFloat | typing.SupportsIndex = 0.6,
+    ) -> None: ...
+
+class SyntheticAperture:
+    """
+    Bearings from phases along a path.
+    """
+    def __init__(self, options: ApertureOptions) -> None: ...
+    def bearings(
+        self,
+        phasors: numpy.typing.ArrayLike,
+        path_m: numpy.typing.ArrayLike,
+        time_s: numpy.typing.ArrayLike,
+        wavelength_m: numpy.typing.ArrayLike,
+        path_modes_m: numpy.typing.ArrayLike,
+    ) -> dict:
+        """
+        What the links said, by name.
+        """
+    def blind(
+        self, phasors: numpy.typing.ArrayLike, time_s: numpy.typing.ArrayLike, wavelength_m: numpy.typing.ArrayLike
+    ) -> dict:
+        """
+        Angles between nodes without a path, by name.
+        """
+
+def aperture_crlb(
+    path_m: numpy.typing.ArrayLike,
+    time_s: numpy.typing.ArrayLike,
+    wavelength_m: numpy.typing.ArrayLike,
+    bearing_rad: numpy.typing.ArrayLike,
+    snr: numpy.typing.ArrayLike,
+    path_modes_m: numpy.typing.ArrayLike,
+    options: ApertureOptions,
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
+    """
+    Bound of the bearings' covariance.
+    """
+
+def aperture_directions(
+    phasors: numpy.typing.ArrayLike,
+    path_m: numpy.typing.ArrayLike,
+    wavelength_m: typing.SupportsFloat | typing.SupportsIndex,
+    method: str,
+    n_sources: typing.SupportsInt | typing.SupportsIndex,
+    subaperture: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Its highest maxima.
+    """
+
+def aperture_spectrum(
+    phasors: numpy.typing.ArrayLike,
+    path_m: numpy.typing.ArrayLike,
+    wavelength_m: typing.SupportsFloat | typing.SupportsIndex,
+    bearing_rad: numpy.typing.ArrayLike,
+    method: str,
+    n_sources: typing.SupportsInt | typing.SupportsIndex,
+    subaperture: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Spectrum over bearings.
+    """
+
 def apply_correction(
     iq: numpy.typing.NDArray[numpy.complex64],
     iq_gain: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -347,6 +450,20 @@ def calibrate(
 ) -> CalibrationReport:
     """
     Faults of channels from a tone that reaches them alike. iq: the channels' rows one after the other.
+    """
+
+def check_bearings(
+    bearing_rad: numpy.typing.ArrayLike,
+    covariance_rad2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    nodes_m: numpy.typing.ArrayLike,
+    position_m: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[2, 1]"],
+    position_covariance_m2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[2, 2]"],
+    heading_rad: typing.SupportsFloat | typing.SupportsIndex,
+    heading_sigma_rad: typing.SupportsFloat | typing.SupportsIndex,
+    gate: typing.SupportsFloat | typing.SupportsIndex,
+) -> dict:
+    """
+    Whether bearings point where nodes are.
     """
 
 def covariance(

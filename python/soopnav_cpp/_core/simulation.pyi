@@ -28,6 +28,7 @@ __all__: list[str] = [
     "apply_taps",
     "array_samples",
     "down_convert",
+    "drift_path",
     "eigenvalue_map",
     "far_field_limit_m",
     "free_space_path_loss_db",
@@ -36,6 +37,7 @@ __all__: list[str] = [
     "mean_power",
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
+    "render_aperture",
     "ricean_reflections",
     "sample_covariances",
     "simulate_gnss",
@@ -549,6 +551,15 @@ def down_convert(
     A real radio-frequency signal mixed to baseband and decimated.
     """
 
+def drift_path(
+    path_m: numpy.typing.ArrayLike,
+    sigma_m_per_sqrt_step: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    A path as dead reckoning reports it.
+    """
+
 def eigenvalue_map(
     manifold: soopnav_cpp._core.array.Manifold,
     snr_db: numpy.typing.ArrayLike,
@@ -627,6 +638,22 @@ def noise_variance_for_snr(
 ) -> float:
     """
     Noise variance per sample that stands snr_db below the signal.
+    """
+
+def render_aperture(
+    bearing_rad: numpy.typing.ArrayLike,
+    wavelength_m: numpy.typing.ArrayLike,
+    snr: numpy.typing.ArrayLike,
+    k_factor: numpy.typing.ArrayLike,
+    frequency_hz: numpy.typing.ArrayLike,
+    path_m: numpy.typing.ArrayLike,
+    time_s: numpy.typing.ArrayLike,
+    phase_rad: numpy.typing.ArrayLike,
+    waves: typing.SupportsInt | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.complex128]:
+    """
+    Phasors of nodes along a path.
     """
 
 def ricean_reflections(
