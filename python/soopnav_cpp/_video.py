@@ -96,6 +96,11 @@ class Video:
     _pictures: tuple[Path, ...] = field(default=(), repr=False)
     _times_s: tuple[float, ...] = field(default=(), repr=False)
 
+    @property
+    def frames(self) -> int:
+        """Frames that there should be: as the file says, or by how long it lasts; 0 where neither is known."""
+        return self.expected or round(self._duration_s * self.rate_hz)
+
     def __iter__(self) -> Iterator[Frame]:
         self.problem = ""
         return self._photos() if self._pictures else self._decode()

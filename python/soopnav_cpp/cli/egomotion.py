@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from soopnav_cpp import estimation, io, plotting, vision
+from soopnav_cpp._core.vision import GroundPlane
 from soopnav_cpp._walk import Walk
 from soopnav_cpp.cli import text
 from soopnav_cpp.cli.page import page, table
@@ -30,6 +31,7 @@ __all__ = ["Ground", "Result", "as_json", "follow", "print_result", "sentence", 
 Array = npt.NDArray[np.float64]
 _MOST_PICTURES = 4
 _MOST_ROWS = 8
+_FEW = 100  # frames of a video that does not say how many it has
 _TRACK_WIDTH = 640  # of the video of tracks: larger frames are drawn smaller
 
 
@@ -176,7 +178,7 @@ class _Depth:
             self._folder = io.read_depth(ground.depth, camera=None if file.depth is None else file.depth.camera)
         else:
             assert ground.height_m is not None  # the command saw to it
-            self._plane = vision.GroundPlane.from_tilt(
+            self._plane = GroundPlane.from_tilt(
                 math.radians(ground.tilt_x_deg), math.radians(ground.tilt_y_deg), ground.height_m
             )
 
@@ -199,6 +201,11 @@ class _Depth:
         """Say what was missing."""
         if self._missing:
             self.warnings.append(f"{self._missing} frames without a depth frame")
+
+
+def _spread(count: int) -> set[int]:
+    """Numbers of frames to show, of so many."""
+    return set(np.linspace(min(1, count - 1), count - 1, _MOST_PICTURES).round().astype(int).tolist())
 
 
 def _frames(video: io.Video, every: int, most: int | None) -> Iterator[io.Frame]:
@@ -253,8 +260,8 @@ def follow(
     )
     walk, motions, pictures = Walk(), [], []
     warnings: list[str] = []
-    total = math.ceil(video.expected / every) or None
-    keep = set(np.linspace(1, (total or 100) - 1, _MOST_PICTURES).round().astype(int).tolist())
+    total = math.ceil(video.frames / every) or None
+    keep = _spread(min(total or _FEW, most or _FEW * every))
     drawn: list[npt.NDArray[np.uint8]] = []
     backward = 0
     for k, frame in enumerate(_frames(video, every, most)):

@@ -100,7 +100,8 @@ class LteSettings(Model):
     rate_hz : float
         Epochs per second.
     sigma_m : float
-        Of a range, in the stage observables.
+        Of a range, in the stage observables; in the other stage what the filter adds to the deviation that is measured,
+        for paths that could not be told apart.
     n_rb : int
         Resource blocks of each cell, in the stage iq_and_frames.
     n_ports : int
@@ -109,6 +110,10 @@ class LteSettings(Model):
         Per reference element of the strongest cell.
     spread_db : float
         The other cells arrive at up to so much less.
+    load : float
+        Share of the resource elements for data that each cell sends: noise to the other cells' reference signals.
+    subframes : int
+        That are averaged at each epoch.
     multipath : str
         "room": image paths and diffuse tail of a room with brick walls and windows; "none": one path per cell.
     time_offset_s : float
@@ -117,10 +122,12 @@ class LteSettings(Model):
 
     rate_hz: Annotated[float, Field(ge=0.5, le=50.0)] = 10.0
     sigma_m: Positive = 1.0
-    n_rb: Literal[6, 15, 25, 50, 75, 100] = 50
+    n_rb: Literal[6, 15, 25, 50, 75, 100] = 100
     n_ports: Literal[1, 2] = 2
     snr_db: Annotated[float, Field(ge=-10.0, le=40.0)] = 20.0
     spread_db: Annotated[float, Field(ge=0.0, le=20.0)] = 6.0
+    load: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
+    subframes: Annotated[int, Field(ge=1, le=10)] = 1
     multipath: Literal["room", "none"] = "room"
     time_offset_s: float = 0.0
 

@@ -3,7 +3,7 @@ measured in them. Two threads: a radio's and a camera's; the C++ underneath lets
 
 Radio: at each epoch a millisecond that holds a frame's first subframe of every cell, through the paths of a room with
 brick walls and windows, with the excess delay of links that are shut, the handset's clock and its carrier offset. The
-first epoch is longer: the cells are searched in it, and only those that are found are ranged. Camera: a frame and the
+first epochs are longer: the cells are searched in them, and only those that are found are ranged. Camera: a frame and the
 cloud of a depth sensor, of a textured floor.
 """
 
@@ -26,8 +26,9 @@ __all__ = ["camera_of", "cell_ids", "check", "observe", "room_of", "tell_cells"]
 _Array = npt.NDArray[np.float64]
 _C_MPS = 299_792_458.0
 _LEAD_S = 25e-6  # of a snapshot before its subframe: clocks may be early
-_SNAPSHOT_S = 1.15e-3
-_SEARCH_S = 20e-3  # of the first epoch, in which the cells are searched
+_SUBFRAME_S = 1e-3
+_SEARCH_S = 20e-3  # of the first epochs, in which the cells are searched
+_SEARCHES = 3  # at most, as long as cells are missing
 _MOST_CFO_HZ = 500.0
 _ANTENNA_M = 1.2  # height of the handset above the floor
 _CARRIER_HZ = 2.0e9
@@ -100,7 +101,7 @@ class _Air:
             lte.CellParameters(
                 cell_id=cell_id, n_rb=self.scenario.lte.n_rb, n_ports=self.scenario.lte.n_ports,
                 delay_s=_LEAD_S + float(late_m[i]) / _C_MPS, power_db=float(self.power_db[i]), cfo_hz=self.cfo_hz,
-                taps=self.taps[k][i],
+                taps=self.taps[k][i], data_load=self.scenario.lte.load,
             )
             for i, cell_id in enumerate(self.ids)
         ]  # fmt: skip
@@ -109,9 +110,13 @@ class _Air:
 
 
 def tell_cells(air: _Air) -> list[Any]:
-    """What a search in the first epoch finds, None for a cell that it misses."""
-    iq = air.hear(0, _SEARCH_S)
-    found = {one.cell_id: one for one in lte.search(iq, air.rate_hz, max_cfo_hz=2000.0)}
+    """What searches in the first epochs find, None for a cell that all of them miss."""
+    found: dict[int, Any] = {}
+    for k in range(min(_SEARCHES, len(air.world.epoch_s))):
+        for one in lte.search(air.hear(k, _SEARCH_S), air.rate_hz, max_cfo_hz=2000.0):
+            found.setdefault(one.cell_id, one)
+        if set(air.ids) <= set(found):
+            break
     return [found.get(cell_id) for cell_id in air.ids]
 
 
@@ -122,27 +127,28 @@ def _radio(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[_Array, _
     ranges = np.full(world.range_m.shape, np.nan)
     sigma = np.full(world.range_m.shape, np.nan)
     cells = tell_cells(air)
-    heard = [i for i, one in enumerate(cells) if one is not None]
+    heard = np.array([i for i, one in enumerate(cells) if one is not None], dtype=np.int64)
     missing = [str(air.ids[i]) for i, one in enumerate(cells) if one is None]
     notes = (
         [f"the search in the first {1e3 * _SEARCH_S:g} ms did not find cell {', '.join(missing)}"] if missing else []
     )
-    if not heard:
+    if not heard.size:
         raise ValueError(f"lte.snr_db: {scenario.lte.snr_db:g}: no cell was found in the first epoch")
-    ranger = lte.SnapshotRanger(air.rate_hz, [cells[i] for i in heard])
+    ranger = lte.SnapshotRanger(air.rate_hz, [cells[i] for i in heard], subframes=scenario.lte.subframes)
+    snapshot_s = 6.0 * _LEAD_S + _SUBFRAME_S * scenario.lte.subframes
     guess = np.array([_near_zero(cells[i].frame_start_s) for i in heard])
     offsets = np.array([cells[i].cfo_hz for i in heard])
     acquired, made, measured = time.thread_time() - began, 0.0, 0.0
     for k in range(len(world.epoch_s)):
         start = time.thread_time()
-        iq = air.hear(k, _SNAPSHOT_S)
+        iq = air.hear(k, snapshot_s)
         middle = time.thread_time()
-        for j, one in enumerate(ranger.range(iq, guess, offsets)):
-            if not one.ok:
-                continue
-            guess[j] = one.toa_s
-            ranges[k, heard[j]] = _C_MPS * (one.toa_s - _LEAD_S)
-            sigma[k, heard[j]] = math.hypot(_C_MPS * one.sigma_s, scenario.lte.sigma_m)
+        seen = ranger.range(iq, guess, offsets)
+        good = np.flatnonzero(np.asarray(seen.status) == 0)
+        guess[good] = seen.toa_s[good]
+        ranges[k, heard[good]] = _C_MPS * (seen.toa_s[good] - _LEAD_S)
+        doubt = np.hypot(seen.sigma_s[good], seen.undetected_s[good])
+        sigma[k, heard[good]] = np.hypot(_C_MPS * doubt, scenario.lte.sigma_m)
         made += middle - start
         measured += time.thread_time() - middle
     return ranges, sigma, notes, {"search": acquired, "iq synthesis": made, "ranging": measured}
