@@ -183,7 +183,7 @@ class EgoMotion:
         coasting; ``surprise_mps`` [0.5] and ``rival_share`` [0.2] of a second motion in the image;
         ``plane_sigma_m`` [0.0005], ``plane_sigma_per_m`` [0.0014], ``plane_min_share`` [0.2], ``max_tilt_rad`` [0.785],
         ``min_height_m`` [0.05], ``max_height_m`` [10] of the plane; ``inlier_px`` [1], ``min_sigma_px`` [0.01],
-        ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1.5], ``height_sigmas`` [6] and
+        ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1.3], ``height_sigmas`` [6] and
         ``height_tolerance`` [0.01] of the motion.
 
     Raises

@@ -14,6 +14,7 @@ from soopnav_cpp.bench.ground_cases import GROUND_CASES
 from soopnav_cpp.bench.handset_cases import HANDSET_CASES
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
 from soopnav_cpp.bench.source_cases import SOURCE_CASES
+from soopnav_cpp.bench.vision_cases import VISION_CASES
 
 __all__ = ["CASES", "ekf_planar_ins", "particle_bootstrap"]
 
@@ -215,5 +216,6 @@ CASES: tuple[Case, ...] = (
     *HANDSET_CASES,
     *GROUND_CASES,
     *APERTURE_CASES,
+    *VISION_CASES,
     MUSIC,
 )

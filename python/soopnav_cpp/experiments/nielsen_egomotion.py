@@ -127,7 +127,14 @@ def walk(seed: int, setup: Setup, keep: bool = False) -> Walk | tuple[Walk, Arra
         )
         if setup.fitted:
             points = scene.depth_cloud(
-                eye, tuple(pose[k]), height[k], tuple(tilt[k]), objects=boxes, hole_share=0.02, outlier_share=0.02, frame=k
+                eye,
+                tuple(pose[k]),
+                height[k],
+                tuple(tilt[k]),
+                objects=boxes,
+                hole_share=0.02,
+                outlier_share=0.02,
+                frame=k,
             )
             motion = ego.step(image, points=points, t_s=k / RATE_HZ)
         else:
@@ -232,7 +239,9 @@ def ego_motion(lab: Lab) -> Iterator[Claim]:
     yield Claim("increments measured: 20 mm steps, tilt 8°", measured_share(true), at_least(1.0))
     yield Claim("RMS of an increment with the true plane [mm]", rms_mm(true), below(0.02))
     yield Claim("its NEES per number", mean_nees(true), band(0.7, 1.5))
-    yield Claim("increments measured with blur, boxes moving and the plane fitted", measured_share(fitted), at_least(1.0))
+    yield Claim(
+        "increments measured with blur, boxes moving and the plane fitted", measured_share(fitted), at_least(1.0)
+    )
     yield Claim("RMS of an increment with the fitted plane [mm]", rms_mm(fitted), below(0.25))
     yield Claim("its NEES per number ", mean_nees(fitted), band(0.7, 1.5))
     yield Claim("increments measured at 42 px between frames, blurred", measured_share(fast), at_least(1.0))

@@ -18,7 +18,7 @@ struct EgoMotionOptions {
   FeatureTrackerOptions tracker;
   PlaneOptions plane;  ///< of the ground from depth points
   /// Of the motion from tracks. Patches that overlap, and what lighting leaves, share errors: their covariance is
-  /// inflated 1.5 times, which holds the NEES per number between 0.7 and 1.5 (doc/feature_tracks.md).
+  /// inflated 1.3 times, which holds the NEES per number between 0.7 and 1.5 (doc/feature_tracks.md).
   RigidMotionOptions rigid = inflated();
   /// Origin of the depth camera in axes of the image's camera [m], whose axes it shares: nielsen's IR beside RGB.
   Eigen::Vector3d depth_offset_m = Eigen::Vector3d::Zero();
@@ -37,7 +37,7 @@ struct EgoMotionOptions {
 
   [[nodiscard]] static RigidMotionOptions inflated() {
     RigidMotionOptions options;
-    options.track_inflation = 1.5;
+    options.track_inflation = 1.3;
     return options;
   }
 };
