@@ -1,6 +1,6 @@
 """Camera ego-motion: cameras, corners followed from frame to frame, motion over the ground (nielsen §4).
 
-Camera frame: x right, y down the image, z along the optical axis. Pixels (u, v): whole numbers at the centres of pixels.
+Camera frame: x right, y down the image, z along the optical axis. Pixels (u, v): whole numbers at their centres.
 The body on the ground: first axis the camera's x axis projected on the ground, second up the image, heading
 counterclockwise from above.
 """
@@ -118,8 +118,8 @@ class FeatureTracker:
         ``quality`` [0.02] and ``least_eigenvalue`` [2e-5] of a corner; ``min_distance_px`` [8] between corners;
         ``border_px`` [12] kept free; ``redetect_share`` [0.8] of `tracks` below which corners are looked for;
         ``window_px`` [21], ``levels`` [3], ``iterations`` [30], ``epsilon_px`` [0.003] of Lucas-Kanade;
-        ``round_trip_px`` [0.5] gate forwards-backwards; ``most_flow_px`` [200]; ``patience`` [5] useless frames in a row;
-        ``smoothing_px`` [0.8] of the Gaussian over each image.
+        ``round_trip_px`` [0.5] gate forwards-backwards; ``most_flow_px`` [200]; ``patience`` [5] useless frames in
+        a row; ``smoothing_px`` [0.8] of the Gaussian over each image.
 
     Raises
     ------

@@ -1,9 +1,10 @@
-"""A camera over the ground, from images to increments: nielsen 4.2 and Annex A, on rendered frames whose truth is exact."""
+"""A camera over the ground, from images to increments: nielsen 4.2 and Annex A, on rendered frames."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import erf
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,7 @@ def way(rng: np.random.Generator, step_m: float) -> tuple[Array, Array, Array]:
     return pose, height, tilt
 
 
-def _boxes(rng: np.random.Generator, pose: Array, number: int) -> list[simulation.GroundObject]:
+def _boxes(pose: Array, number: int) -> list[simulation.GroundObject]:
     """Two boxes that move through the picture."""
     return [
         simulation.GroundObject(
@@ -109,7 +110,7 @@ def walk(seed: int, setup: Setup, keep: bool = False) -> Walk | tuple[Walk, Arra
     statuses = []
     image = np.zeros((eye.height, eye.width), np.uint8)
     for k in range(FRAMES):
-        boxes = _boxes(rng, pose[k], k) if setup.disturbed else []
+        boxes = _boxes(pose[k], k) if setup.disturbed else []
         towards = pose[min(k + 1, FRAMES - 1)] - pose[max(k - 1, 0)]
         blur = 0.075 * towards  # half of 30 % of the mean of two intervals
         image = scene.render(
@@ -206,8 +207,6 @@ def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
             right.plot(values, np.arange(1, len(values) + 1) / len(values), color=colour, label=name)
         x = np.linspace(0.0, 14.0, 200)
         # Distribution of chi squared with three degrees of freedom.
-        from math import erf
-
         law = [erf(np.sqrt(v / 2.0)) - np.sqrt(2.0 * v / np.pi) * np.exp(-v / 2.0) for v in x]
         right.plot(x, law, "--", color=GREY, label="χ², 3 degrees")
         right.set_xlim(0.0, 14.0)

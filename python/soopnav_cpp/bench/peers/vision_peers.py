@@ -1,4 +1,4 @@
-"""OpenCV's Python: corners, optical flow there and back, a rigid motion by RANSAC, as its tutorials put them together."""
+"""OpenCV's Python: corners, optical flow there and back, a motion by RANSAC, as its tutorials put them together."""
 
 from __future__ import annotations
 
