@@ -24,7 +24,7 @@ constexpr double kBlurredBelow = 0.3;  // of the usual sharpness
 constexpr double kSharpnessMemory = 0.1;
 constexpr double kWellFollowed = 0.5;  // share of tracks below which another start is tried
 constexpr double kLeastFollowed = 0.05;
-constexpr int kPredictedLevels = 3;
+constexpr int kPredictedLevels = 1;
 constexpr int kQuarter = 4;
 constexpr int kOverlapWidth = 80;  // of the images whose overlap is searched [px]
 
@@ -251,7 +251,7 @@ class FeatureTracker::Impl {
   // Why nothing can be followed; kLost when the frame itself is good.
   FrameStatus judge(double energy, double sharpness) const {
     long dark = 0, bright = 0, count = 0;
-    for (int v = 0; v < size_.height; v += 2) {
+    for (int v = 0; v < size_.height; v += 4) {
       const std::uint8_t* row = current_.raw.ptr(v);
       for (int u = 0; u < size_.width; ++u) {
         dark += row[u] <= kDarkLevel ? 1 : 0;

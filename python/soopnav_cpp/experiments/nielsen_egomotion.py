@@ -98,8 +98,13 @@ def _boxes(pose: Array, number: int) -> list[simulation.GroundObject]:
     ]
 
 
-def walk(seed: int, setup: Setup, keep: bool = False) -> Walk | tuple[Walk, Array, vision.Tracks, Array]:
-    """Render a walk and follow it; with `keep` the last image, its tracks and which of them agree as well."""
+def walk(seed: int, setup: Setup) -> Walk:
+    """Render a walk and follow it."""
+    return picture(seed, setup)[0]
+
+
+def picture(seed: int, setup: Setup) -> tuple[Walk, npt.NDArray[np.uint8], vision.Tracks, npt.NDArray[np.bool_]]:
+    """A walk, its last image, the tracks on it and which of them agree."""
     rng = np.random.default_rng(seed)
     scene = simulation.GroundScene(seed=int(rng.integers(1 << 30)), texture_size=1024, texel_m=0.002)
     eye = camera()
@@ -154,7 +159,7 @@ def walk(seed: int, setup: Setup, keep: bool = False) -> Walk | tuple[Walk, Arra
             height_error[k - 1] = (motion.height_ratio - ratio) / motion.height_ratio_sigma
         inliers[k - 1] = motion.inliers
     result = Walk(pose, rows["increments"], rows["errors"], nees, height_error, inliers, statuses)
-    return (result, image, ego.tracks, ego.inliers) if keep else result
+    return result, image, ego.tracks, ego.inliers
 
 
 def rms_mm(walks: list[Walk]) -> float:
@@ -174,7 +179,7 @@ def measured_share(walks: list[Walk]) -> float:
 
 
 def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
-    shown, image, tracks, agree = walk(seed, FITTED_PLANE, True)  # type: ignore[misc]
+    shown, image, tracks, agree = picture(seed, FITTED_PLANE)
     with lab.figure(11.0, 4.2) as figure:
         left, middle, right = figure.subplots(1, 3, width_ratios=(1.35, 1.0, 1.0))
         left.imshow(image, cmap="gray", vmin=0, vmax=255)
@@ -189,7 +194,7 @@ def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
         left.set_xlim(-0.5, image.shape[1] - 0.5)
         left.set_ylim(image.shape[0] - 0.5, -0.5)
         left.legend(loc="lower left", fontsize=7, framealpha=0.9)
-        style(left, "Tracks on a frame, blurred, boxes moving", "u [px]", "v [px]")
+        style(left, "Tracks, picture blurred, boxes moving", "u [px]", "v [px]")
         left.grid(False)
         pose = shown.truth[0]
         path = [pose]
@@ -200,7 +205,7 @@ def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
         middle.set_aspect("equal", adjustable="datalim")
         middle.legend(fontsize=7)
         off = 1e3 * float(np.hypot(*(path[-1] - shown.truth[-1])[:2]))
-        style(middle, f"{FRAMES - 1} increments, {off:.2f} mm off at the end", "x [m]", "y [m]")
+        style(middle, f"Sum of {FRAMES - 1}: {off:.2f} mm off", "x [m]", "y [m]")
         for (name, walks), colour in zip(kinds.items(), (BLUE, "tab:orange", "tab:purple"), strict=True):
             values = np.sort(np.concatenate([w.nees for w in walks]))
             values = values[np.isfinite(values)]
@@ -211,7 +216,7 @@ def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
         right.plot(x, law, "--", color=GREY, label="χ², 3 degrees")
         right.set_xlim(0.0, 14.0)
         right.legend(fontsize=7, loc="lower right")
-        style(right, "NEES of the increments", "NEES", "share below")
+        style(right, "NEES of increments", "NEES", "share below")
 
 
 @experiment(
@@ -222,27 +227,26 @@ def _draw(lab: Lab, kinds: dict[str, list[Walk]], seed: int) -> None:
 )
 def ego_motion(lab: Lab) -> Iterator[Claim]:
     kinds: dict[str, list[Walk]] = {
-        "true plane, 20 mm": lab.map(walk, TRUE_PLANE),  # type: ignore[list-item]
-        "fitted, 20 mm": lab.map(walk, FITTED_PLANE),  # type: ignore[list-item]
-        "fitted, 80 mm": lab.map(walk, FAST, runs=4),  # type: ignore[list-item]
+        "true plane, 20 mm": lab.map(walk, TRUE_PLANE),
+        "fitted, 20 mm": lab.map(walk, FITTED_PLANE),
+        "fitted, 80 mm": lab.map(walk, FAST, runs=4),
     }
     true, fitted, fast = kinds.values()
     _draw(lab, kinds, int(lab.rng("picture").integers(1 << 30)))
-    lab.save(
-        **{
-            f"{name}_{field}": np.concatenate([getattr(w, field) for w in walks])
-            for name, walks in zip(("true", "fitted", "fast"), kinds.values(), strict=True)
-            for field in ("errors", "nees", "height_error", "inliers")
-        }
-    )
+    data: dict[str, Array] = {
+        f"{name}_{field}": np.concatenate([getattr(w, field) for w in walks])
+        for name, walks in zip(("true", "fitted", "fast"), kinds.values(), strict=True)
+        for field in ("errors", "nees", "height_error", "inliers")
+    }
+    lab.save(part="", **data)
     yield Claim("increments measured: 20 mm steps, tilt 8°", measured_share(true), at_least(1.0))
     yield Claim("RMS of an increment with the true plane [mm]", rms_mm(true), below(0.02))
-    yield Claim("its NEES per number", mean_nees(true), band(0.7, 1.5))
+    yield Claim("NEES per number with the true plane", mean_nees(true), band(0.7, 1.5))
     yield Claim(
         "increments measured with blur, boxes moving and the plane fitted", measured_share(fitted), at_least(1.0)
     )
     yield Claim("RMS of an increment with the fitted plane [mm]", rms_mm(fitted), below(0.25))
-    yield Claim("its NEES per number ", mean_nees(fitted), band(0.7, 1.5))
+    yield Claim("NEES per number with the fitted plane", mean_nees(fitted), band(0.7, 1.5))
     yield Claim("increments measured at 42 px between frames, blurred", measured_share(fast), at_least(1.0))
     yield Claim("RMS of those [mm]", rms_mm(fast), at_most(0.25))
     turns = np.concatenate([w.errors[:, 2] for w in fitted])

@@ -26,7 +26,7 @@ def ego_motion(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[floa
     first = np.array([1.0, 0.0, 0.0]) - n[0] * n
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(first, n)])
-    flow = {
+    flow: Any = {
         "winSize": (21, 21),
         "maxLevel": 3,
         "criteria": (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 0.003),
@@ -34,7 +34,8 @@ def ego_motion(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[floa
 
     def ground(pixels: Array) -> Array:
         rays = np.column_stack([(pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy, np.ones(len(pixels))])
-        return (rays * (d / (rays @ n))[:, None]) @ axes.T
+        points: Array = (rays * (d / (rays @ n))[:, None]) @ axes.T
+        return points
 
     def prepared(image: Any) -> Any:
         smooth = cv2.GaussianBlur(image, (0, 0), 0.8)
