@@ -177,7 +177,9 @@ def test_a_part_of_a_picture_moves_against_the_part() -> None:
     tracks = tracker.tracks
     moved = tracks.age > 0
     assert moved.sum() > 60
-    np.testing.assert_allclose((tracks.pixel - tracks.pixel_previous)[moved], [[7.0, -13.0]] * moved.sum(), atol=0.02)
+    flow = (tracks.pixel - tracks.pixel_previous)[moved]
+    np.testing.assert_allclose(np.median(flow, axis=0), [7.0, -13.0], atol=0.005)
+    np.testing.assert_allclose(flow, [[7.0, -13.0]] * moved.sum(), atol=0.2)  # at the edges another mean is taken off
     kept = tracks.id[::2]
     tracker.prune(np.arange(len(tracks.id)) % 2 == 0)
     np.testing.assert_array_equal(tracker.tracks.id, kept)
