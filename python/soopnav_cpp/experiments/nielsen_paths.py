@@ -218,7 +218,7 @@ def super_resolution(lab: Lab) -> Iterator[Claim]:
             right.semilogx(
                 np.sort(np.abs(pooled[:, column])), share, color=colour, label=f"{name}: {half[column]:.2f} m"
             )
-        right.set_xlim(1e-3, 30.0)
+        right.set_xlim(2e-5, 30.0)
         right.legend(frameon=False, fontsize=8.5, loc="upper left", title="median", title_fontsize=8.5)
     lab.save(
         two_10=two[10.0], two_20=two[20.0], one_10=one[10.0], one_20=one[20.0], samples=samples, music=music, at=at
