@@ -335,13 +335,13 @@ TEST(CrsLoop, FollowsAFrequencyStepAndCarriesPhaseOverLostSamples) {
   }
   CrsLoop loop({.sample_rate_hz = kLoopRate}, truth(cell));
   static_cast<void>(loop.push(std::span(first).first(960000)));
-  EXPECT_NEAR(loop.last().cfo_hz, 115.0, 0.5);
+  EXPECT_NEAR(loop.last().cfo_hz, 115.0, 2.0);
   EXPECT_EQ(loop.last().arc, 0);
   loop.skip(9600);  // 5 ms
   static_cast<void>(loop.push(std::span(first).subspan(969600)));
   EXPECT_EQ(loop.last().arc, 0);
   EXPECT_EQ(loop.last().status, LoopStatus::kTracking);
-  EXPECT_NEAR(loop.last().cfo_hz, 115.0, 0.5);
+  EXPECT_NEAR(loop.last().cfo_hz, 115.0, 2.0);
   EXPECT_THROW(CrsLoop({.sample_rate_hz = 2e6}, truth(cell)), std::invalid_argument);
   EXPECT_THROW(CrsLoop({.pll_bandwidth_hz = 0.0}, truth(cell)), std::invalid_argument);
   EXPECT_THROW(CrsLoop({.pll_order = 1}, truth(cell)), std::invalid_argument);

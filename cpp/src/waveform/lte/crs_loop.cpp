@@ -309,13 +309,13 @@ void CrsLoop::Impl::track(double time_s, double taken_hz, int subframe, bool pul
       double alpha = 2.0 * (2.0 * n + 1.0) / ((n + 1.0) * (n + 2.0));
       double beta = 6.0 / ((n + 1.0) * (n + 2.0)) / dt, gamma = 0.0;
       const double bandwidth = std::min(options.pll_bandwidth_hz, 0.05 / t);
-      const double omega = bandwidth / (options.pll_order == 3 ? 0.7845 : 0.53);
-      const double a = options.pll_order == 3 ? 2.4 * omega * t : std::numbers::sqrt2 * omega * t;
+      const double omega = bandwidth / (options.pll_order == 3 ? 5.0 / 6.0 : 0.53);
+      const double a = options.pll_order == 3 ? 2.0 * omega * t : std::numbers::sqrt2 * omega * t;
       double variance = alpha;  // of the phase, in units of one measurement's
       if (alpha <= a || n * t * bandwidth > 2.0) {
         variance = 2.0 * bandwidth * t;
         alpha = a;
-        beta = (options.pll_order == 3 ? 1.1 : 1.0) * omega * omega * t;
+        beta = (options.pll_order == 3 ? 2.0 : 1.0) * omega * omega * t;
         gamma = options.pll_order == 3 ? omega * omega * omega * t : 0.0;
       }
       alpha = std::min(alpha, 1.0);
