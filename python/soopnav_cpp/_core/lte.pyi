@@ -12,13 +12,26 @@ import typing
 __all__: list[str] = [
     "CellLostError",
     "CellParameters",
+    "CrsLoop",
     "CyclicPrefix",
     "Detection",
     "Duplex",
+    "LoopStatus",
+    "MeasurementStream",
+    "OrderRule",
     "Path",
+    "PathResolver",
+    "PeakWindow",
+    "ResolveStatus",
+    "ResolvedPaths",
+    "ResolverOptions",
     "Searcher",
+    "Snapshot",
+    "SnapshotRanger",
+    "SubframePathResolver",
     "SubframeToa",
     "SubframeToaEstimator",
+    "SubspaceMethod",
     "SyncPorts",
     "Synthesizer",
     "TimeOfArrival",
@@ -422,6 +435,403 @@ class Synthesizer:
     def position(self) -> int:
         """
         Sample that generate begins with.
+        """
+
+class OrderRule(enum.Enum):
+    """
+    How the number of paths is found.
+    """
+
+    AIC = ...
+    FIXED = ...
+    MDL = ...
+
+class SubspaceMethod(enum.Enum):
+    """
+    Subspace that starts the fits.
+    """
+
+    ESPRIT = ...
+    MATRIX_PENCIL = ...
+
+class PeakWindow(enum.Enum):
+    """
+    Window over frequency of the first-peak rule.
+    """
+
+    HANN = ...
+    RECTANGULAR = ...
+
+class ResolveStatus(enum.IntEnum):
+    """
+    Why a cell has no paths.
+    """
+
+    LOST = ...
+    NON_FINITE = ...
+    OK = ...
+    TOO_SHORT = ...
+    def __format__(self, format_spec): ...
+
+class ResolvedPaths:
+    """
+    Paths told apart in a channel, ascending delay. Read-only.
+    """
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    @property
+    def covariance_s2(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of delays_s; shape (paths, paths).
+        """
+    @property
+    def delays_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (paths,).
+        """
+    @property
+    def first(self) -> int:
+        """
+        Index of the path that counts as the first.
+        """
+    @property
+    def first_peak_s(self) -> float:
+        """
+        First local maximum of the impulse response over the threshold.
+        """
+    @property
+    def first_peak_sigma_s(self) -> float:
+        """
+        Deviation of a lone path there.
+        """
+    @property
+    def fit(self) -> float:
+        """
+        Residual per degree of freedom over the noise measured; 1 when the model holds.
+        """
+    @property
+    def gains(self) -> numpy.typing.NDArray[numpy.complex128]:
+        """
+        Amplitude and phase at the carrier; shape (paths, ports), complex128.
+        """
+    @property
+    def noise_variance(self) -> float:
+        """
+        Of one channel value, as used.
+        """
+    @property
+    def powers_db(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Relative to the strongest path, mean over ports; shape (paths,).
+        """
+    @property
+    def sigmas_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Deviations of delays_s; shape (paths,).
+        """
+    @property
+    def single_path_s(self) -> float:
+        """
+        Maximum likelihood of one path.
+        """
+    @property
+    def snr_db(self) -> float:
+        """
+        Of one channel value, mean over ports.
+        """
+    @property
+    def subspace_delays_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        What the subspace gave for that order, before the polish; shape (paths,) or (0,).
+        """
+    @property
+    def subspace_order(self) -> int:
+        """
+        Order by the covariance's eigenvalues.
+        """
+    @property
+    def toa_s(self) -> float:
+        """
+        Delay of the first path.
+        """
+    @property
+    def toa_sigma_s(self) -> float:
+        """
+        Its deviation, all other delays and amplitudes unknown.
+        """
+
+class Snapshot:
+    """
+    Ranges to the cells of one snapshot, in the order they were given. Read-only.
+    """
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    @property
+    def cell_id(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        Shape (cells,), int32.
+        """
+    @property
+    def excess_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Strongest path after the first one.
+        """
+    @property
+    def first_db(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Power of the first path over the strongest.
+        """
+    @property
+    def first_peak_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Frame start by the first-peak rule.
+        """
+    @property
+    def first_peak_sigma_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Deviation of a lone path there.
+        """
+    @property
+    def paths(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        Paths from the first one on.
+        """
+    @property
+    def residual_cfo_hz(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Carrier offset left beside the one given.
+        """
+    @property
+    def sigma_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Deviation of toa_s.
+        """
+    @property
+    def snr_db(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Per reference element, over noise and what remains of other cells.
+        """
+    @property
+    def status(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        Values of ResolveStatus, 0 is good; shape (cells,), uint8.
+        """
+    @property
+    def toa_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Frame start by the first path, on the guess's time line; 0 where status is not good.
+        """
+    @property
+    def undetected_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Deviation that a path too weak to be told apart could cause; not in sigma_s.
+        """
+
+class ResolverOptions:
+    """
+    How paths are told apart. Read-only.
+    """
+    def __init__(
+        self,
+        *,
+        order: OrderRule = ...,
+        max_paths: typing.SupportsInt | typing.SupportsIndex = 4,
+        subspace: SubspaceMethod = ...,
+        window_s: typing.SupportsFloat | typing.SupportsIndex = 2e-06,
+        min_separation: typing.SupportsFloat | typing.SupportsIndex = 0.1,
+        earliest_db: typing.SupportsFloat | typing.SupportsIndex = -20.0,
+        peak_threshold: typing.SupportsFloat | typing.SupportsIndex = 0.35,
+        peak_window: PeakWindow = ...,
+        polish: bool = True,
+        ignore_gap: bool = False,
+    ) -> None: ...
+    @property
+    def max_paths(self) -> int: ...
+
+class PathResolver:
+    """
+    Tells paths apart in a channel over frequency.
+    """
+    def __init__(self, options: ResolverOptions) -> None: ...
+    def impulse_response(self, delays_s: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Magnitude of the last channel over delay, rectangular window.
+        """
+    def music(
+        self, delays_s: numpy.typing.ArrayLike, *, order: typing.SupportsInt | typing.SupportsIndex = 0
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        MUSIC pseudo-spectrum of the last channel.
+        """
+    def resolve(
+        self,
+        channel: numpy.typing.NDArray[numpy.complex64],
+        frequencies: numpy.typing.ArrayLike,
+        noise_variance: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> ResolvedPaths:
+        """
+        channel: rows of the ports one after the other; frequencies in units of 15 kHz.
+        """
+    @property
+    def music_period_s(self) -> float:
+        """
+        Delays of `music` repeat after this.
+        """
+
+class SubframePathResolver:
+    """
+    Tells the paths of one cell apart, from samples.
+    """
+    def __init__(
+        self,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        detection: Detection,
+        options: ResolverOptions,
+    ) -> None: ...
+    def impulse_response(self, delays_s: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Magnitude of the last channel over delay, rectangular window.
+        """
+    def music(
+        self, delays_s: numpy.typing.ArrayLike, *, order: typing.SupportsInt | typing.SupportsIndex = 0
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        MUSIC pseudo-spectrum of the last channel.
+        """
+    def resolve(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        *,
+        subframe: typing.SupportsInt | typing.SupportsIndex,
+        subframes: typing.SupportsInt | typing.SupportsIndex,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        cfo_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> ResolvedPaths:
+        """
+        Paths of the subframe that begins near start_s in iq.
+        """
+    @property
+    def channel(self) -> numpy.typing.NDArray[numpy.complex64]:
+        """
+        Channel of the last call, shape (ports, elements), complex64.
+        """
+    @property
+    def frequencies(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        Of the elements, units of 15 kHz; shape (elements,), int32.
+        """
+    @property
+    def residual_cfo_hz(self) -> float:
+        """
+        Carrier offset left beside the one given, in the last call.
+        """
+
+class SnapshotRanger:
+    """
+    Ranges to several known cells from a millisecond of samples.
+    """
+    def __init__(
+        self,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        cells: collections.abc.Sequence[Detection],
+        *,
+        subframes: typing.SupportsInt | typing.SupportsIndex,
+        passes: typing.SupportsInt | typing.SupportsIndex,
+        cancel: bool,
+        search_window_s: typing.SupportsFloat | typing.SupportsIndex,
+        options: ResolverOptions,
+    ) -> None: ...
+    def __len__(self) -> int: ...
+    def range(
+        self,
+        iq: numpy.typing.NDArray[numpy.complex64],
+        frame_start_s: numpy.typing.ArrayLike,
+        cfo_hz: numpy.typing.ArrayLike,
+    ) -> Snapshot:
+        """
+        Ranges of one snapshot.
+        """
+
+class LoopStatus(enum.IntEnum):
+    """
+    What a loop does.
+    """
+
+    COASTING = ...
+    LOST = ...
+    PULL_IN = ...
+    TRACKING = ...
+    def __format__(self, format_spec): ...
+
+class CrsLoop:
+    """
+    Follows carrier phase and delay of one cell.
+    """
+    def __init__(
+        self,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        detection: Detection,
+        *,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        pll_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex = 15.0,
+        pll_order: typing.SupportsInt | typing.SupportsIndex = 3,
+        dll_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        lost_after_s: typing.SupportsFloat | typing.SupportsIndex = 0.05,
+    ) -> None: ...
+    def push(self, block: numpy.typing.NDArray[numpy.complex64]) -> numpy.ndarray[typing.Any, numpy.dtype[typing.Any]]:
+        """
+        Adds samples; a structured array with one row for each subframe read.
+        """
+    def skip(self, samples: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Samples were lost before the next block.
+        """
+    @property
+    def position(self) -> int:
+        """
+        Samples pushed and skipped.
+        """
+    @property
+    def subframes(self) -> int:
+        """
+        Subframes that are read, bit s for subframe s.
+        """
+
+class MeasurementStream:
+    """
+    Measurements of several cells at a fixed rate.
+    """
+    def __init__(
+        self,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        cells: collections.abc.Sequence[Detection],
+        *,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_hz: typing.SupportsFloat | typing.SupportsIndex = 10.0,
+        search: bool = True,
+        search_interval_s: typing.SupportsFloat | typing.SupportsIndex = 2.0,
+        search_window_s: typing.SupportsFloat | typing.SupportsIndex = 0.08,
+        max_cfo_hz: typing.SupportsFloat | typing.SupportsIndex = 20000.0,
+        max_cells: typing.SupportsInt | typing.SupportsIndex = 8,
+        drop_after_s: typing.SupportsFloat | typing.SupportsIndex = 2.0,
+        resolve: bool = True,
+        pll_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex = 15.0,
+        dll_bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    ) -> None: ...
+    def push(
+        self, block: numpy.typing.NDArray[numpy.complex64]
+    ) -> list[tuple[float, numpy.ndarray[typing.Any, numpy.dtype[typing.Any]]]]:
+        """
+        Adds samples; time and a structured array, a row per cell, for each epoch that they complete.
+        """
+    def skip(self, samples: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Samples were lost before the next block.
+        """
+    @property
+    def position(self) -> int:
+        """
+        Samples pushed and skipped.
         """
 
 def crs(

@@ -201,10 +201,10 @@ def downlink(lab: Lab) -> Iterator[Claim]:
         axes.axhspan(-0.05, 0.05, color="#1b6ca8", alpha=0.12, lw=0)
         for bar in (-0.5, 0.5):
             axes.axhline(bar, color="#d1495b", lw=0.8, ls=(0, (4, 3)))
-        axes.legend(frameon=False, fontsize=8.5, loc="upper right")
-        axes.set_ylim(-0.65, 0.65)
+        axes.legend(frameon=False, fontsize=8.5, loc="upper right", ncols=2)
+        axes.set_ylim(-0.75, 0.75)
         axes = figure.add_subplot(1, 3, 3)
-        style(axes, "First path 4.4 dB below the strongest", "run", "|error| [m]")
+        style(axes, "First path at -4.4 dB", "run", "|error| [m]")
         axes.semilogy(runs, np.abs(channel[:, 0]), "o", ms=4, color="#2a9d5c", label="first path")
         axes.semilogy(runs, np.abs(channel[:, 1]), "s", ms=4, color="#8a949c", label="strongest path")
         axes.axhline(2.0, color="#22303c", lw=0.8, ls=(0, (4, 3)))
