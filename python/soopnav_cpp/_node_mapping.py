@@ -149,8 +149,8 @@ def locate_nodes(
 
     What no walk tells is one time common to clock and nodes, and where the frame lies in the world. A straight walk
     does not tell a node's side: both solutions are given. `ambiguities` says which of it applies. A walk should reach
-    two thirds of the nodes' distance from its middle, or more: from a small one, distance and offset are nearly the same
-    unknown, and the covariance says so.
+    two thirds of the nodes' distance from its middle, or more: from a small one, distance and offset are nearly the
+    same unknown, and the covariance says so.
 
     Parameters
     ----------

@@ -267,7 +267,7 @@ def _checksum(arrays: dict[str, npt.NDArray[Any]]) -> str:
 def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Arrays of a sounding file whose header and checksum hold."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except (zipfile.BadZipFile, ValueError, EOFError, KeyError, OSError, AttributeError) as error:
         if isinstance(error, FileNotFoundError):

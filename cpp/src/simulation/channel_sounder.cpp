@@ -119,6 +119,7 @@ SoundingReport ChannelSounder::record(std::span<const std::vector<Tap>> ports, s
     if (p == active && ports.size() > 1) share -= (1.0 - leak) * fading;  // it rises as the other fades
     for (const Tap& tap : ports[p]) {
       if (!std::isfinite(tap.delay_s) || !is_finite(tap.gain)) {
+        if (p != active) continue;  // another port's trouble is not this one's
         report.finite = false;
         std::ranges::fill(lines, Complex{});
         return report;

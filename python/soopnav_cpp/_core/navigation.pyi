@@ -12,7 +12,9 @@ import typing
 
 __all__: list[str] = [
     "BearingUse",
+    "ClockMotion",
     "FixStatus",
+    "NodeMapStatus",
     "NodeUse",
     "OfdmInertialNavigator",
     "PositionFix",
@@ -28,8 +30,10 @@ __all__: list[str] = [
     "StrapdownRun",
     "TrackState",
     "likelihood_surface",
+    "locate_nodes",
     "position_fix",
     "source_crlb",
+    "start_node",
     "strapdown_local",
     "strapdown_retract",
 ]
@@ -161,6 +165,25 @@ class PositionFix:
         """
         Whether each node took part; shape (nodes,).
         """
+
+class ClockMotion(enum.Enum):
+    """
+    How the receiver's clock goes from epoch to epoch.
+    """
+
+    FREE = ...
+    RANDOM_WALK = ...
+
+class NodeMapStatus(enum.Enum):
+    """
+    How a map of nodes came out.
+    """
+
+    NOT_CONVERGED = ...
+    OK = ...
+    POOR_FIT = ...
+    TOO_FEW = ...
+    UNDETERMINED = ...
 
 class SourceMethod(enum.Enum):
     """
@@ -724,6 +747,27 @@ def likelihood_surface(
     Log-likelihood over a grid.
     """
 
+def locate_nodes(
+    t_s: numpy.typing.ArrayLike,
+    track_m: numpy.typing.ArrayLike,
+    ranges_m: numpy.typing.ArrayLike,
+    sigma_m: numpy.typing.ArrayLike,
+    heights_m: numpy.typing.ArrayLike,
+    *,
+    clock: ClockMotion,
+    clock_m_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex,
+    track_m_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex,
+    heading_rad_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex,
+    max_distance_m: typing.SupportsFloat | typing.SupportsIndex,
+    starts: typing.SupportsInt | typing.SupportsIndex,
+    max_iterations: typing.SupportsInt | typing.SupportsIndex,
+    ambiguity_cost: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple:
+    """
+    Nodes from ranges along a walk.
+    """
+
 def position_fix(
     nodes_enu_m: numpy.typing.ArrayLike,
     toas_s: numpy.typing.ArrayLike,
@@ -759,6 +803,17 @@ def source_crlb(
 ) -> numpy.typing.NDArray[numpy.float64]:
     """
     Cramér-Rao bound over time.
+    """
+
+def start_node(
+    track_m: numpy.typing.ArrayLike,
+    ranges_m: numpy.typing.ArrayLike,
+    sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+    max_distance_m: typing.SupportsFloat | typing.SupportsIndex,
+    height_m: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[bool, numpy.typing.NDArray[numpy.float64], float, float, float, float, numpy.typing.NDArray[numpy.float64]]:
+    """
+    Best start of one node from an exact walk.
     """
 
 def strapdown_local(

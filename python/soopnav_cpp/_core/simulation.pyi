@@ -4,6 +4,7 @@ Channels: noise, carrier offset, clock error, path loss.
 
 from __future__ import annotations
 import collections.abc
+import enum
 import numpy
 import numpy.typing
 import soopnav_cpp._core.array
@@ -14,10 +15,15 @@ import typing
 
 __all__: list[str] = [
     "BoundarySeries",
+    "ChannelEmulator",
+    "ChannelSounder",
     "FrontEnd",
     "GnssObservableOptions",
     "ImuErrorModel",
+    "IndoorRoom",
     "LinkBudget",
+    "LinkStatus",
+    "Material",
     "OfdmLink",
     "PlanarTrajectory",
     "SensorErrorModel",
@@ -30,6 +36,7 @@ __all__: list[str] = [
     "down_convert",
     "drift_path",
     "eigenvalue_map",
+    "excess_delays",
     "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
@@ -41,8 +48,190 @@ __all__: list[str] = [
     "ricean_reflections",
     "sample_covariances",
     "simulate_gnss",
+    "slab_response",
+    "step_sweep",
     "thermal_noise_dbm",
+    "with_opening",
 ]
+
+class Material(enum.Enum):
+    """
+    What a wall is made of (ITU-R P.2040-2, table 3).
+    """
+
+    BRICK = ...
+    CONCRETE = ...
+    GLASS = ...
+    METAL = ...
+    PLASTER = ...
+    WOOD = ...
+
+class LinkStatus(enum.Enum):
+    """
+    How a link of an indoor room came out.
+    """
+
+    DARK = ...
+    NOT_FINITE = ...
+    OK = ...
+    TOO_CLOSE = ...
+
+class IndoorRoom:
+    """
+    Propagation in and into a room by the image method.
+    """
+    def __init__(
+        self,
+        walls: collections.abc.Sequence[
+            tuple[
+                typing.SupportsFloat | typing.SupportsIndex,
+                typing.SupportsFloat | typing.SupportsIndex,
+                typing.SupportsFloat | typing.SupportsIndex,
+                typing.SupportsFloat | typing.SupportsIndex,
+                Material,
+                typing.SupportsFloat | typing.SupportsIndex,
+            ]
+        ],
+        *,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex,
+        order: typing.SupportsInt | typing.SupportsIndex,
+        height_m: typing.SupportsFloat | typing.SupportsIndex,
+        floor_and_ceiling: bool,
+        floor_material: Material,
+        floor_thickness_m: typing.SupportsFloat | typing.SupportsIndex,
+        path_range_db: typing.SupportsFloat | typing.SupportsIndex,
+        detect_range_db: typing.SupportsFloat | typing.SupportsIndex,
+        los_loss_db: typing.SupportsFloat | typing.SupportsIndex,
+        tail_db: typing.SupportsFloat | typing.SupportsIndex,
+        tail_decay_s: typing.SupportsFloat | typing.SupportsIndex,
+        tail_spacing_s: typing.SupportsFloat | typing.SupportsIndex,
+        tail_taps: typing.SupportsInt | typing.SupportsIndex,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def links(self, nodes_m: numpy.typing.ArrayLike, places_m: numpy.typing.ArrayLike) -> tuple:
+        """
+        Status, sight, distance, wall loss, power, excess delay, paths, start, delay and gain of the taps.
+        """
+    def wall_loss_db(
+        self, nodes_m: numpy.typing.ArrayLike, places_m: numpy.typing.ArrayLike
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        What walls take from the straight paths [dB].
+        """
+
+class ChannelSounder:
+    """
+    Pulse transmitter with switched ports, and its receiver.
+    """
+    def __init__(
+        self,
+        *,
+        pulse_s: typing.SupportsFloat | typing.SupportsIndex,
+        rise_s: typing.SupportsFloat | typing.SupportsIndex,
+        period_s: typing.SupportsFloat | typing.SupportsIndex,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        if_hz: typing.SupportsFloat | typing.SupportsIndex,
+        filter_hz: typing.SupportsFloat | typing.SupportsIndex,
+        averages: typing.SupportsInt | typing.SupportsIndex,
+        calibration_averages: typing.SupportsInt | typing.SupportsIndex,
+        snr_db: typing.SupportsFloat | typing.SupportsIndex,
+        reference_gain: typing.SupportsFloat | typing.SupportsIndex,
+        adc_bits: typing.SupportsInt | typing.SupportsIndex,
+        headroom: typing.SupportsFloat | typing.SupportsIndex,
+        guard_s: typing.SupportsFloat | typing.SupportsIndex,
+        switch_time_s: typing.SupportsFloat | typing.SupportsIndex,
+        isolation_db: typing.SupportsFloat | typing.SupportsIndex,
+        phase_noise_rad: typing.SupportsFloat | typing.SupportsIndex,
+        shared_reference: bool,
+        clock_rad_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def calibrate(self) -> tuple[numpy.typing.NDArray[numpy.complex128], int]:
+        """
+        Lines over a cable, and clipped samples.
+        """
+    def line_noise_variance(self, averages: typing.SupportsInt | typing.SupportsIndex) -> float:
+        """
+        Of a recorded line.
+        """
+    def record(
+        self,
+        channels: collections.abc.Sequence[
+            collections.abc.Sequence[
+                collections.abc.Sequence[
+                    tuple[
+                        typing.SupportsFloat | typing.SupportsIndex,
+                        complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+                    ]
+                ]
+            ]
+        ],
+        first_slot: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> tuple:
+        """
+        Lines, times, clipped samples and whether finite, of each place and port.
+        """
+    @property
+    def line_hz(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Frequencies of the lines.
+        """
+    @property
+    def lines(self) -> numpy.typing.NDArray[numpy.complex128]:
+        """
+        Pulse and filter at each line.
+        """
+    @property
+    def slot_s(self) -> float:
+        """
+        Guard and averages.
+        """
+
+class ChannelEmulator:
+    """
+    Channels of any bandwidth from recorded lines.
+    """
+    def __init__(
+        self,
+        line_hz: numpy.typing.ArrayLike,
+        reference: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+        *,
+        bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex,
+        delay_low_s: typing.SupportsFloat | typing.SupportsIndex,
+        delay_high_s: typing.SupportsFloat | typing.SupportsIndex,
+        null_db: typing.SupportsFloat | typing.SupportsIndex,
+        noise_to_signal: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def sigma(self, frequencies_hz: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Relative 1-sigma of the channel.
+        """
+    def taps(
+        self, lines: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128]
+    ) -> numpy.typing.NDArray[numpy.complex128]:
+        """
+        Gains of the taps; NaN where lines are not finite.
+        """
+    @property
+    def covered(self) -> bool:
+        """
+        The usable lines reach both ends of the band.
+        """
+    @property
+    def delays_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of the taps.
+        """
+    @property
+    def lines_used(self) -> int:
+        """
+        Lines that the taps are fitted to.
+        """
+    @property
+    def nulls_hz(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Lines that are not divided by.
+        """
 
 class GnssObservableOptions:
     """
@@ -581,6 +770,20 @@ def eigenvalue_map(
     SNR, mean eigenvalue ratio, rms errors of azimuth, elevation and direction, shape (k,) each.
     """
 
+def excess_delays(
+    line_of_sight: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8],
+    dt_s: typing.SupportsFloat | typing.SupportsIndex,
+    *,
+    low_m: typing.SupportsFloat | typing.SupportsIndex,
+    high_m: typing.SupportsFloat | typing.SupportsIndex,
+    wander_m_per_sqrt_s: typing.SupportsFloat | typing.SupportsIndex,
+    floor_m: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Excess delays of links out of sight.
+    """
+
 def far_field_limit_m(
     aperture_m: typing.SupportsFloat | typing.SupportsIndex, frequency_hz: typing.SupportsFloat | typing.SupportsIndex
 ) -> float:
@@ -698,10 +901,54 @@ def simulate_gnss(
     ([code, phase, Doppler, C/N0, range, range rate, azimuth, elevation], prns, integers).
     """
 
+def slab_response(
+    material: Material,
+    thickness_m: typing.SupportsFloat | typing.SupportsIndex,
+    cos_incidence: typing.SupportsFloat | typing.SupportsIndex,
+    frequency_hz: typing.SupportsFloat | typing.SupportsIndex,
+    parallel: bool = False,
+) -> tuple[complex, complex, float]:
+    """
+    Reflection, transmission and delay of a slab.
+    """
+
+def step_sweep(
+    channel: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128],
+    *,
+    averages: typing.SupportsInt | typing.SupportsIndex,
+    snr_db: typing.SupportsFloat | typing.SupportsIndex,
+    reference_gain: typing.SupportsFloat | typing.SupportsIndex,
+    adc_bits: typing.SupportsInt | typing.SupportsIndex,
+    headroom: typing.SupportsFloat | typing.SupportsIndex,
+    reference_channel: bool,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.complex128]:
+    """
+    Gains that a stepped tone measures.
+    """
+
 def thermal_noise_dbm(
     bandwidth_hz: typing.SupportsFloat | typing.SupportsIndex,
     noise_figure_db: typing.SupportsFloat | typing.SupportsIndex = 0.0,
 ) -> float:
     """
     Thermal noise of a receiver.
+    """
+
+def with_opening(
+    wall: tuple[
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        Material,
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    start_m: typing.SupportsFloat | typing.SupportsIndex,
+    stop_m: typing.SupportsFloat | typing.SupportsIndex,
+    material: Material,
+    thickness_m: typing.SupportsFloat | typing.SupportsIndex,
+) -> list[tuple[float, float, float, float, Material, float]]:
+    """
+    A wall with a piece of another material.
     """

@@ -151,7 +151,6 @@ def nodes(lab: Lab) -> Iterator[Claim]:
         "three nodes, free clock": ("free", 3),
         "six nodes, clock a random walk": ("random_walk", 6),
     }
-    saved: dict[str, npt.ArrayLike] = {}
     for label, (clock, count) in cases.items():
         square, stated, nees, cost, good = np.array(lab.map(one_walk, clock, count, SPAN_M, DISTANCE_M)).T
         yield Claim(f"{label}: RMS of the nodes' places [m]", float(np.sqrt(square.mean())), at_most(1.5))
@@ -160,8 +159,7 @@ def nodes(lab: Lab) -> Iterator[Claim]:
         yield Claim(f"{label}: NEES per degree of freedom", nees.sum() / dof, band(1.0 - width, 1.0 + width + 0.1))
         yield Claim(f"{label}: cost per degree of freedom", cost.mean(), band(0.97, 1.03))
         yield Claim(f"{label}: found, and found unique", good.mean(), at_least(0.9))
-        saved[f"{clock}_{count}_rms_m"] = np.sqrt(square)
-        saved[f"{clock}_{count}_stated_m"] = np.sqrt(stated)
+        lab.save(part=f"{clock}_{count}", rms_m=np.sqrt(square), stated_m=np.sqrt(stated), nees=nees)
     flags, near, words = np.array(lab.map(one_straight)).T
     yield Claim("straight walk: nodes whose side is said to be unknown", flags.mean(), at_least(0.95))
     yield Claim("straight walk: nodes within 4 sigma of one of the two answers", near.mean(), at_least(0.9))
@@ -191,4 +189,4 @@ def nodes(lab: Lab) -> Iterator[Claim]:
         axes.set_xticks([0.35, 0.67, 1.0, 2.0], ["0.35", "0.67", "1", "2"])
         axes.minorticks_off()
         axes.legend(frameon=False, fontsize=8)
-    lab.save(span_ratio=ratio, span_rms_m=rms, span_stated_m=bound, **saved)
+    lab.save(span_ratio=ratio, span_rms_m=rms, span_stated_m=bound)

@@ -40,7 +40,7 @@ struct SounderOptions {
 struct SoundingReport {
   std::size_t clipped = 0;  ///< samples beyond the converter's scale
   double time_s = 0.0;      ///< when the averages began, since slot 0 was switched on
-  bool finite = true;       ///< false: a tap is NaN or infinite; the lines are then zero
+  bool finite = true;       ///< false: a tap of the active port is NaN or infinite; the lines are then zero
 };
 
 /// A pulse transmitter with up to some switched ports, and the receiver that records its lines.
@@ -117,9 +117,9 @@ struct EmulatorOptions {
 ///
 ///     y_m = S_m sum_d h_d e^{-j 2 pi f_m t_d} + noise   ->   h = (A^H A + D noise_to_signal max|S|^2 I)^-1 A^H y
 ///
-/// over the lines in the band and 3 MHz (or a tenth) beyond it, so that the wanted band's edges are no edges of the fit.
-/// The taps lie 1.25 times closer than the width of those lines resolves: paths between them are met. Lines in a null
-/// are named, not divided by.
+/// over the lines in the band and 3 MHz (or a tenth) beyond it, so that the wanted band's edges are no edges of the
+/// fit. The taps lie 1.25 times closer than the width of those lines resolves: paths between them are met. Lines in a
+/// null are named, not divided by.
 class ChannelEmulator {
  public:
   /// @throws std::invalid_argument naming the option, when lines and reference differ in size or are not finite, when
