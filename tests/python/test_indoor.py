@@ -6,7 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from soopnav_cpp import lte, navigation
+from soopnav_cpp import experiments, lte, navigation
+from soopnav_cpp.experiments.registry import perform
 from soopnav_cpp.navigation import NodeMapStatus, locate_nodes, start_node
 from soopnav_cpp.simulation import (
     ChannelSounder,
@@ -305,3 +306,13 @@ def test_infinite_ranges_are_not_heard():
     found = locate_nodes(track, ranges, 0.3, clock_m_per_sqrt_s=0.01)
     assert found.observations == 119 * 4
     assert np.linalg.norm(found.position_m - nodes, axis=1).max() < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["nielsen-62", "nielsen-x2"])
+def test_claims_hold(name, tmp_path):
+    (item,) = experiments.load().select([name])
+    outcome = perform(item, seed=1, out=tmp_path)
+    if outcome.error is not None:
+        raise outcome.error
+    assert [claim.as_row(item, 1) for claim in outcome.claims if not claim.holds] == []
