@@ -86,7 +86,7 @@ class IndoorLinks:
     distance_m : ndarray, shape (n, L)
         Straight.
     wall_loss_db : ndarray, shape (n, L)
-        Of the direct path, through walls.
+        Of the direct path, through walls; infinite through metal.
     power_db : ndarray, shape (n, L)
         Sum of |gain|² over the taps; -inf without taps.
     excess_delay_s : ndarray, shape (n, L)

@@ -81,7 +81,7 @@ struct IndoorLink {
   LinkStatus status = LinkStatus::kNotFinite;
   bool line_of_sight = false;   ///< walls take at most `los_loss_db` from the direct path
   double distance_m = 0.0;      ///< straight
-  double wall_loss_db = 0.0;    ///< of the direct path, through walls
+  double wall_loss_db = 0.0;    ///< of the direct path, through walls; infinite through metal
   double power_db = 0.0;        ///< sum of |gain|^2 over the taps, against what is sent: minus the path loss
   double excess_delay_s = 0.0;  ///< of the first detectable path over the straight line in free space, >= 0
   int paths = 0;                ///< of the taps, those that are reflected or direct; the rest are the tail
