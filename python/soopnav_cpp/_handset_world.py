@@ -135,8 +135,8 @@ class HandsetWorld:
         """
         if seed < 0:
             raise ValueError(f"seed = {seed}: a number that is not negative expected")
-        *numbers, schedule = _simulation.handset_world(seed, **options)
-        return cls(*numbers, _schedule(schedule))
+        made: tuple[Any, ...] = _simulation.handset_world(seed, **options)
+        return cls(*made[:-1], _schedule(made[-1]))
 
     @property
     def start_m(self) -> _Array:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band, experiment, style
+from soopnav_cpp.lte import CellLostError, PathResolver
 from soopnav_cpp.navigation import HandsetLocator, HandsetRun, position_fix
 from soopnav_cpp.simulation import HandsetWorld
 
@@ -154,7 +155,7 @@ def booleans(lab: Lab) -> Iterator[Claim]:
         _draw_links(axes, world, shown)
         axes = figure.add_subplot(grid[1, 0])
         style(axes, "Way until a switch is found", "way [m]", "switches")
-        axes.hist(delay[np.isfinite(delay)], bins=np.linspace(0.0, FOUND_M, 41), color=BLUE, log=True)
+        axes.hist(delay[np.isfinite(delay)], bins=[FOUND_M * k / 40 for k in range(41)], color=BLUE, log=True)
         axes = figure.add_subplot(grid[1, 1])
         style(axes, "Position, all runs", "time [s]", "rms error [m]")
         t = world.epoch_s
@@ -235,8 +236,6 @@ def through_multipath(world: HandsetWorld, seed: int, snr_db: float = 15.0) -> H
     Each link has its first path, as late as the world says, and two echoes 5 to 60 m behind it, 3 to 12 dB below it,
     that move on by centimetres (so that phases are new at each epoch). Noise per subcarrier as `snr_db` says.
     """
-    from soopnav_cpp.lte import CellLostError, PathResolver
-
     rng = np.random.default_rng(seed)
     frequencies = comb()
     resolver = PathResolver(max_paths=3)
@@ -349,7 +348,7 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
 def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
     """The walk, its estimate, and the particles at four times."""
     one = locator(world, lab.seed)
-    shown = {0.2: None, 1.0: None, 4.0: None, 15.0: None}
+    pending, shown = [0.2, 1.0, 4.0, 15.0], []
     path, frame = [], 0
     covariance = [STEP_SIGMA_M**2, STEP_SIGMA_M**2, TURN_SIGMA**2]
     for k, t in enumerate(world.epoch_s):
@@ -358,9 +357,9 @@ def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
             frame += 1
         one.update_ranges(world.ranges_m[k], SIGMA_M, t)
         path.append(one.estimate().position_m)
-        for when, cloud in shown.items():
-            if cloud is None and t >= when:
-                shown[when] = (one.particles(draw=True), world.position_m[k], t)
+        if pending and t >= pending[0]:
+            pending.pop(0)
+            shown.append((one.particles(draw=True), world.position_m[k], t))
     found = np.array(path)
     with lab.figure(10.4, 5.2) as figure:
         grid = figure.add_gridspec(2, 4, width_ratios=(1.15, 1.15, 1.0, 1.0))
@@ -378,9 +377,7 @@ def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
         inset.set_aspect("equal", adjustable="datalim")
         inset.set_title("nodes, 25 to 60 m", fontsize=7)
         inset.tick_params(labelsize=6)
-        for place, cloud in enumerate(shown.values()):
-            assert cloud is not None
-            (x, y, _, _), truth, t = cloud
+        for place, ((x, y, _, _), truth, t) in enumerate(shown):
             axes = figure.add_subplot(grid[place // 2, 2 + place % 2])
             style(axes, f"Particles after {t:.1f} s", "", "")
             axes.plot(x, y, ".", color=BLUE, markersize=1.2, alpha=0.4)
