@@ -31,7 +31,7 @@ LOST_M = 1.0
 SIGMA_M = 1.0
 STEP_SIGMA_M = 1e-3  # what the filter is told; the camera's own is 0.2 mm, and what it does not model is larger
 TURN_SIGMA = np.radians(0.02)
-MULTIPATH_RUNS = 4
+MULTIPATH_RUNS = 3
 LOST_HEADING_RUNS = 10
 
 
@@ -376,7 +376,8 @@ def _draw_walk(lab: Lab, world: HandsetWorld) -> None:
         inset.plot(world.pose[:, 0], world.pose[:, 1], color="black", linewidth=1.0)
         inset.set_aspect("equal", adjustable="datalim")
         inset.set_title("nodes, 25 to 60 m", fontsize=7)
-        inset.tick_params(labelsize=6)
+        inset.set_xticks([])
+        inset.set_yticks([])
         for place, ((x, y, _, _), truth, t) in enumerate(shown):
             axes = figure.add_subplot(grid[place // 2, 2 + place % 2])
             style(axes, f"Particles after {t:.1f} s", "", "")
