@@ -77,7 +77,7 @@ struct HandsetOptions {
   Eigen::Vector2d start_m = Eigen::Vector2d::Zero();
   double start_sigma_m = 10.0;           ///< of each coordinate, > 0
   double start_heading_rad = 0.0;        ///< a_z
-  double start_heading_sigma_rad = 3.2;  /// > 0; from pi on the heading is uniform
+  double start_heading_sigma_rad = 3.2;  ///< > 0; from pi on the heading is uniform
   /// Each particle stands for a Gaussian of its own: this share of the start's sigmas, at most `kernel_m` and
   /// `kernel_rad`. In (0, 1]; 1 with a single particle makes an extended Kalman filter.
   double kernel = 0.35;
@@ -174,8 +174,9 @@ struct HandsetEstimate {
 /// particle samples the Booleans, from their distribution given the present range, and carries one joint Gaussian of
 /// all else (Rao-Blackwellised): pose, clock, excess delays, offsets, unknown places.
 ///
-/// Cost: 2000 particles x 6 links: see docs. Nothing allocates after construction. One thread: the same options and
-/// observations give the same bits. Move-only.
+/// Cost: 2000 particles, 6 links at 10 Hz, 20 frames and 10 estimates a second: 1 % of a core, type 2: 2 to 3 %. An
+/// estimate reads all particles (0.1 ms) and uses scratch of the object. Nothing allocates after construction. One
+/// thread: the same options and observations give the same bits. Move-only.
 class HandsetLocator {
  public:
   /// Throws std::invalid_argument for the options.
