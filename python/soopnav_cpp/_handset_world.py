@@ -136,7 +136,10 @@ class HandsetWorld:
         if seed < 0:
             raise ValueError(f"seed = {seed}: a number that is not negative expected")
         made: tuple[Any, ...] = _simulation.handset_world(seed, **options)
-        return cls(*made[:-1], _schedule(made[-1]))
+        nodes, heading, frames, pose, increments, walked, epochs, position, ranges, clock, schedule = made
+        return cls(
+            nodes, heading, frames, pose, increments, walked, epochs, position, ranges, clock, _schedule(schedule)
+        )
 
     @property
     def start_m(self) -> _Array:
