@@ -247,9 +247,9 @@ def synthetic_array(lab: Lab) -> Iterator[Claim]:
     """Bearings from phases along 5 wavelengths, 50 snapshots of 10 dB, a TCXO's phase and an offset per node."""
     turn = 2.0 * np.pi
     cases = {
-        "3 nodes": (3, turn, PATH_SIGMA_M, 70),
+        "3 nodes": (3, turn, PATH_SIGMA_M, 80),
         "4 nodes": (4, turn, PATH_SIGMA_M, 50),
-        "3, exact path": (3, turn, 0.0, 70),
+        "3, exact path": (3, turn, 0.0, 100),
         "4, semicircle": (4, np.pi, PATH_SIGMA_M, 20),
     }
     errors, bounds, ratios, nees, single = {}, {}, [], [], []
