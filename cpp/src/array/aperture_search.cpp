@@ -26,7 +26,9 @@ void ApertureSearch::prepare(const ApertureModel& m, bool frequency_offsets, dou
   const double wanted = std::clamp(kPi * reach / kPhaseStepRad, 9.0, 90.0);
   angles_ = 2 * static_cast<std::size_t>(std::ceil(wanted));
   const double duration = m.t.back() - m.t.front();
-  const double reach_hz = max_frequency_hz > 0.0 ? max_frequency_hz : 0.5 * static_cast<double>(m.n - 1) / duration;
+  // Twice what even snapshots tell apart is enough for uneven ones, and bounds the cost.
+  const double apart_hz = 0.5 * static_cast<double>(m.n - 1) / duration;
+  const double reach_hz = max_frequency_hz > 0.0 ? std::min(max_frequency_hz, 2.0 * apart_hz) : apart_hz;
   const auto side = frequency_offsets ? static_cast<std::size_t>(std::ceil(std::min(
                                             reach_hz * duration / kLineStep, static_cast<double>(kMaxLines / 2))))
                                       : 0;
