@@ -278,3 +278,35 @@ def test_a_small_share_of_nielsen_x1() -> None:
     ratio = np.sqrt(np.mean((rows[:, :4] / rows[:, 4:8]) ** 2))
     assert 0.7 < ratio < 1.35
     assert 2.2 < rows[:, -2].mean() < 6.0
+
+
+@pytest.mark.fuzz
+def test_whatever_comes_gives_a_status_and_no_nan_in_an_answer() -> None:
+    rng = np.random.default_rng(0)
+    seen = set()
+    for case in range(30):
+        n, nodes = int(rng.integers(0, 20)), int(rng.integers(1, 7))
+        aperture = sn.array.SyntheticAperture(
+            phase=("free", "known", "random_walk")[case % 3],  # type: ignore[arg-type]
+            phase_sigma_rad_per_sqrt_s=float(10.0 ** rng.uniform(-4, 2)),
+            frequency_offsets=bool(rng.integers(2)),
+            path_sigma_m_per_sqrt_step=float(rng.choice([0.0, 1e-9, 5e-4, 1.0])),
+            noise_variance=float(rng.choice([0.0, 1e-12, 1.0, 1e12])),
+            coherence_threshold=float(rng.choice([0.0, 0.7])),
+            max_frequency_hz=1.0,
+        )
+        scale = 10.0 ** rng.uniform(-160, 160) if rng.integers(2) else 1.0
+        phasors = (rng.normal(size=(n, nodes)) + 1j * rng.normal(size=(n, nodes))) * scale
+        path = np.cumsum(rng.normal(size=(n, 2)) * 10.0 ** rng.uniform(-3, -1), axis=0)
+        time_s = np.cumsum(10.0 ** rng.uniform(-6, 6) * rng.uniform(0.5, 1.0, n))
+        found = aperture.bearings(phasors, path, WAVELENGTH_M, time_s=time_s)
+        blind = aperture.blind(phasors, WAVELENGTH_M, time_s=time_s)
+        seen.add(found.status)
+        if found.ok:
+            there = np.isfinite(found.bearing_rad)
+            assert there.any()
+            assert np.isfinite(found.sigma_rad[there]).all()
+        else:
+            assert np.isnan(found.bearing_rad).all()
+        assert np.isfinite(blind.path_m).all() == (blind.ok or n == 0)
+    assert len(seen) >= 3
