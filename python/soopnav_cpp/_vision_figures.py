@@ -82,7 +82,7 @@ def draw_tracks(
         chosen = tracks.agree == agree
         for (u0, v0), (u, v) in zip(scale * tracks.previous_px[chosen], scale * tracks.present_px[chosen], strict=True):
             pen.line([(u0, v0), (u, v)], fill=colour, width=1)
-            pen.ellipse([u - 1.5, v - 1.5, u + 1.5, v + 1.5], fill=colour)
+            pen.ellipse([u - 2.2, v - 2.2, u + 2.2, v + 2.2], fill=colour)
     if label:
         font = fonts.load_default(_LABEL_PX)
         _, _, right, bottom = pen.textbbox((0, 0), label, font=font)
@@ -125,7 +125,7 @@ def ground_track(walk: Any, *, truth: npt.ArrayLike | None = None, path: Path | 
             ring = pose[k, :2] + ellipse_points(estimation.error_ellipse(part, probability=0.95))
             axes.plot(ring[:, 0], ring[:, 1], color=_COLOURS[0], linewidth=0.7, alpha=0.6)
     axes.set_aspect("equal", adjustable="datalim")
-    _style(axes, "The walk, with 95 % ellipses", "x [m]", "y [m]")
+    _style(axes, "The walk, with 95 % ellipses where they can be seen", "x [m]", "y [m]")
     axes.legend(fontsize=8, frameon=False)
     return _save(figure, path)
 
@@ -176,5 +176,5 @@ def increments(
         axes.plot(time[1:][~good[1:]], np.zeros(int((~good[1:]).sum())), "x", color=_COLOURS[1], label="no increment")
     axes.set_ylim(bottom=-0.04 * max(1, int(used.max(initial=1))))
     _style(axes, "", "time [s]", "tracks")
-    axes.legend(fontsize=8, frameon=False, loc="lower right", ncols=3)
+    axes.legend(fontsize=8, framealpha=0.9, edgecolor="none", loc="lower right", ncols=3)
     return _save(figure, path)

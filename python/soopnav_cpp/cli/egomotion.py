@@ -33,6 +33,7 @@ _MOST_PICTURES = 4
 _MOST_ROWS = 8
 _FEW = 100  # frames of a video that does not say how many it has
 _TRACK_WIDTH = 640  # of the video of tracks: larger frames are drawn smaller
+_GIF_WIDTH = 320  # which has no compression worth the name
 
 
 @dataclass(frozen=True)
@@ -263,6 +264,7 @@ def follow(
     total = math.ceil(video.frames / every) or None
     keep = _spread(min(total or _FEW, most or _FEW * every))
     drawn: list[npt.NDArray[np.uint8]] = []
+    width = _GIF_WIDTH if tracks_path is not None and tracks_path.suffix.lower() == ".gif" else _TRACK_WIDTH
     backward = 0
     for k, frame in enumerate(_frames(video, every, most)):
         if k % 10 == 0:
@@ -282,7 +284,7 @@ def follow(
             if k in keep:
                 pictures.append(Picture(k, t_s, frame.image.copy(), tracks))
             if tracks_path is not None:
-                drawn.append(plotting.draw_tracks(frame.image, tracks, label=_label(t_s, motion), width=_TRACK_WIDTH))
+                drawn.append(plotting.draw_tracks(frame.image, tracks, label=_label(t_s, motion), width=width))
     if not motions:
         raise ValueError(f"{path}: no frame in it that can be used")
     depth.close()

@@ -299,6 +299,7 @@ def locate(scenario: HandsetScenario, world: Walk, observed: Observed, seed: int
     ValueError
         When the camera's and the radio's times have nothing to do with each other.
     """
+    _overlap(observed)
     locator, alone = _locators(scenario, world, seed)
     n, links = observed.range_m.shape
     found = Located(
@@ -338,16 +339,24 @@ def locate(scenario: HandsetScenario, world: Walk, observed: Observed, seed: int
     return found
 
 
+def _overlap(observed: Observed) -> None:
+    """Refuse ranges and steps of different times: less than half of the shorter recording has both."""
+    if not observed.steps:
+        return
+    radio = float(observed.epoch_s[0]), float(observed.epoch_s[-1])
+    camera = observed.steps[0].t_s, observed.steps[-1].t_s
+    both = min(radio[1], camera[1]) - max(radio[0], camera[0])
+    if both < 0.5 * min(radio[1] - radio[0], camera[1] - camera[0]):
+        raise ValueError(
+            f"times that disagree: the radio's are {radio[0]:g} … {radio[1]:g} s, the camera's {camera[0]:g} … "
+            f"{camera[1]:g} s; one clock for both expected (lte.time_offset_s)"
+        )
+
+
 def _agree(observed: Observed, statuses: Counter[str]) -> None:
-    """Refuse clocks that disagree, and say what else was not used."""
+    """Say what was not used."""
     n, frames = len(observed.epoch_s), len(observed.steps)
     apart = statuses["radio: clocks_disagree"] + statuses["camera: clocks_disagree"]
-    if apart > 0.5 * n:
-        offset = float(observed.epoch_s[0]) - (observed.steps[0].t_s if observed.steps else 0.0)
-        raise ValueError(
-            f"{apart} of {n} radio epochs have times that disagree with the camera's: they begin {offset:+.2f} s from "
-            "its first step; one clock for both expected (lte.time_offset_s)"
-        )
     late = statuses["radio: out_of_order"] + statuses["camera: out_of_order"]
     if apart + late:
         observed.notes.append(f"{apart + late} of {n + frames} observations not used: times that disagree")
