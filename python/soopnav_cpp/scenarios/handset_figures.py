@@ -34,22 +34,19 @@ def _room(axes: Axes, size_m: float) -> None:
 
 
 def _nodes(axes: Axes, run: HandsetRun, *, edge_m: float) -> list[Any]:
-    """Arrows at the border of the picture that point at the nodes outside; returns what is drawn, a thing per node."""
+    """Numbered circles near the border of the picture, in the directions of the nodes outside; a mark per node."""
     drawn = []
     for k, place in enumerate(run.nodes_m[:, :2]):
-        way = place / np.abs(place).max()
-        edge = way * (edge_m - 0.045 * run.size_m)
-        (mark,) = axes.plot(*edge, marker=(3, 0, math.degrees(math.atan2(way[1], way[0])) - 90.0), markersize=11,
-                            color=_COLOURS[4], linestyle="none", clip_on=False)  # fmt: skip
-        inner = way * (edge_m - 0.1 * run.size_m)
-        axes.text(*inner, str(k + 1), fontsize=9, ha="center", va="center", color=_INK)
+        edge = place / np.abs(place).max() * (edge_m - 0.06 * run.size_m)
+        (mark,) = axes.plot(*edge, "o", color=_COLOURS[4], markersize=13)
+        axes.text(*edge, str(k + 1), fontsize=8, ha="center", va="center", color="white", fontweight="bold")
         drawn.append(mark)
     return drawn
 
 
 def room_map(run: HandsetRun, *, alone: str = "LTE alone") -> Figure:
     """The room from above: the walk, the estimate, what LTE alone finds, and particles from time to time."""
-    figure = _figure(7.2, 6.6)
+    figure = _figure(6.8, 7.0)
     axes = figure.add_subplot()
     _room(axes, run.size_m)
     edge = 0.64 * run.size_m
@@ -72,8 +69,8 @@ def room_map(run: HandsetRun, *, alone: str = "LTE alone") -> Figure:
     _nodes(axes, run, edge_m=edge)
     axes.set_xlim(-edge, edge)
     axes.set_ylim(-edge, edge)
-    _style(axes, "The walk; triangles point at the base stations outside", "x [m]", "y [m]")
-    axes.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none", loc="lower left")
+    _style(axes, "The walk; circles: where the base stations lie outside", "x [m]", "y [m]")
+    figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=5)
     return figure
 
 
@@ -91,8 +88,8 @@ def errors_over_time(scenario: HandsetScenario, run: HandsetRun, *, alone: str =
     axes.semilogy(run.t_s, stated, "--", color=_COLOURS[1], linewidth=1.0, label="stated (root of the trace)")
     if scenario.metrics_start_s > 0.0:
         axes.axvline(scenario.metrics_start_s, color=_PALE, linewidth=1.0)
-        axes.text(scenario.metrics_start_s, axes.get_ylim()[1], " metrics count from here", fontsize=7.5, va="top",
-                  color=_INK)  # fmt: skip
+        low = axes.get_ylim()[0]
+        axes.text(scenario.metrics_start_s, low, " metrics count from here", fontsize=7.5, va="bottom", color=_INK)
     axes.yaxis.set_major_formatter("{x:g}")
     _style(axes, "Distance from the truth", "", "error [m]")
     axes.legend(fontsize=8, frameon=False, loc="upper right", ncols=3)
