@@ -3,8 +3,8 @@ measured in them. Two threads: a radio's and a camera's; the C++ underneath lets
 
 Radio: at each epoch a millisecond that holds a frame's first subframe of every cell, through the paths of a room with
 brick walls and windows, with the excess delay of links that are shut, the handset's clock and its carrier offset. The
-first epochs are longer: the cells are searched in them, and only those that are found are ranged. Camera: a frame and the
-cloud of a depth sensor, of a textured floor.
+first epochs are longer: the cells are searched in them, and only those that are found are ranged. Camera: a frame and
+the cloud of a depth sensor, of a textured floor.
 """
 
 from __future__ import annotations
