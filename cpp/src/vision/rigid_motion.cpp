@@ -198,6 +198,7 @@ void RigidMotionEstimator::check_height(const GroundPlane& previous, const Groun
   // Eq. 18: f = [C S; -S C] f' - delta, linear in its four numbers.
   Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
   Eigen::Vector4d right = Eigen::Vector4d::Zero();
+  double square = 0.0;
   Eigen::Matrix<double, 4, 3> from_previous = Eigen::Matrix<double, 4, 3>::Zero();
   Eigen::Matrix<double, 4, 3> from_present = from_previous;
   const Eigen::Matrix2d back = rotation(out.increment.z()).transpose();
@@ -208,6 +209,7 @@ void RigidMotionEstimator::check_height(const GroundPlane& previous, const Groun
     const Matrix24 scaled = track.pixels * row;
     normal.noalias() += scaled.transpose() * scaled;
     right.noalias() += scaled.transpose() * (track.pixels * track.to);
+    square += (track.pixels * track.to).squaredNorm();
     from_present.noalias() += scaled.transpose() * (track.pixels * track.to_plane);
     from_previous.noalias() -= scaled.transpose() * (track.pixels * back * track.from_plane);
   }
@@ -220,8 +222,11 @@ void RigidMotionEstimator::check_height(const GroundPlane& previous, const Groun
   }
   const Eigen::Vector4d along(fit[0] / scale, fit[1] / scale, 0.0, 0.0);
   const Eigen::Vector4d weights = solver.solve(along);
+  // This fit's own residuals: those of the rigid one hold the very stretch that is looked for.
+  const double left = std::max(square - right.dot(fit), 0.0) / (2.0 * out.inliers - 4.0);
+  const double sigma_px = std::max(std::sqrt(left), options_.min_sigma_px);
   const double variance =
-      out.sigma_px * out.sigma_px * along.dot(weights) * options_.track_inflation +
+      sigma_px * sigma_px * along.dot(weights) * options_.track_inflation +
       (weights.transpose() * from_previous * previous.covariance * from_previous.transpose() * weights)(0) +
       (weights.transpose() * from_present * present.covariance * from_present.transpose() * weights)(0);
   out.height_ratio_plane = present.distance_m / previous.distance_m;

@@ -109,7 +109,7 @@ def _draw(lab: Lab, errors: Array) -> None:
             n = plane.normal_c
             axes.plot(x, (plane.distance_m - n[0] * x) / n[2], color=color, lw=1.4, label=label)
         axes.invert_yaxis()
-        axes.legend(frameon=False, fontsize=8.5, loc="lower left")
+        axes.legend(frameon=False, fontsize=8.5, loc="upper right")
         style(axes, "Cut through a cloud with a box", "x [m]", "depth z [m]")
         axes = figure.add_subplot(1, 3, 2)
         for column, color, label in ((0, "#d1495b", "SVD"), (1, "#1b6ca8", "RANSAC")):

@@ -21,7 +21,7 @@ struct RigidMotionOptions {
   int max_hypotheses = 200;         ///< fewer where many agree
   double confidence = 0.9999;       ///< that one hypothesis was free of outliers
   double height_sigmas = 6.0;       ///< gate of the height check, in sigma of the difference
-  double height_tolerance = 0.002;  ///< added to that gate: what calibration leaves
+  double height_tolerance = 0.01;  ///< added to that gate: what calibration leaves
   double track_inflation = 1.0;     ///< of the tracks' covariance, for what neighbouring tracks share
   std::uint64_t seed = 0;
 };
