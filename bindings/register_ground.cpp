@@ -255,6 +255,51 @@ void register_projection(py::module_& m) {
       "nielsen's chain: float64 (n, 7, 3), each point in frames a, b, c, d, e, the camera's, and a again.");
 }
 
+std::vector<Eigen::Vector2d> pixels_of(const TableBase& table, const char* name) {
+  if (table.rows() > 0 && table.columns() != 2) {
+    throw std::invalid_argument(std::string(name) + ": rows of two numbers expected, got " +
+                                std::to_string(table.columns()));
+  }
+  std::vector<Eigen::Vector2d> out;
+  for (std::size_t i = 0; i < table.rows(); ++i) out.emplace_back(table.row(i)[0], table.row(i)[1]);
+  return out;
+}
+
+void register_rigid_motion(py::module_& m) {
+  py::class_<RigidMotionEstimator>(m, "RigidMotionEstimator", "Increments from feature tracks over the ground.")
+      .def(py::init([](double min_sigma_px, double inlier_px, int min_tracks, double min_share, int max_hypotheses,
+                       double height_sigmas, double height_tolerance, double track_inflation, std::uint64_t seed) {
+             vision::RigidMotionOptions o;
+             o.min_sigma_px = min_sigma_px;
+             o.inlier_px = inlier_px;
+             o.min_tracks = min_tracks;
+             o.min_share = min_share;
+             o.max_hypotheses = max_hypotheses;
+             o.height_sigmas = height_sigmas;
+             o.height_tolerance = height_tolerance;
+             o.track_inflation = track_inflation;
+             o.seed = seed;
+             return std::make_unique<RigidMotionEstimator>(o);
+           }),
+           py::kw_only(), py::arg("min_sigma_px") = 0.01, py::arg("inlier_px") = 1.0, py::arg("min_tracks") = 8,
+           py::arg("min_share") = 0.25, py::arg("max_hypotheses") = 200, py::arg("height_sigmas") = 6.0,
+           py::arg("height_tolerance") = 0.001, py::arg("track_inflation") = 1.0, py::arg("seed") = 0)
+      .def(
+          "estimate",
+          [](RigidMotionEstimator& self, const vision::Camera& camera, const Table<"previous_px">& previous_px,
+             const Table<"present_px">& present_px, const GroundPlane& previous, const GroundPlane& present) {
+            const auto from = pixels_of(previous_px, "previous_px"), to = pixels_of(present_px, "present_px");
+            if (from.size() != to.size()) {
+              throw std::invalid_argument("present_px: " + grouped(to.size()) + " rows; as many as previous_px, " +
+                                          grouped(from.size()) + ", expected");
+            }
+            const py::gil_scoped_release release;
+            return self.estimate(camera, from, to, previous, present);
+          },
+          py::arg("camera"), py::arg("previous_px"), py::arg("present_px"), py::arg("previous"), py::arg("present"),
+          "The motion between two frames from pixels (n, 2) of the same features and the ground of both.");
+}
+
 CameraView view_of(std::span<const double> row) { return {{row[0], row[1], row[2]}, row[3], {row[4], row[5]}}; }
 
 std::vector<GroundObject> objects_of(const Numbers<"objects">& rows) {
@@ -283,7 +328,10 @@ std::optional<GroundWall> wall_of(const std::optional<RealArray<"wall">>& wall) 
 
 void register_ground_plane(py::module_& m) { register_plane(m); }
 
-void register_ground(py::module_& m) { register_projection(m); }
+void register_ground(py::module_& m) {
+  register_projection(m);
+  register_rigid_motion(m);
+}
 
 void register_ground_scene(py::module_& m) {
   py::class_<GroundScene>(m, "GroundScene", "Textured ground below a camera, rendered with exact truth.")

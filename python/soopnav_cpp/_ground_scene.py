@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.vision import Camera, GroundPlane
+from soopnav_cpp._ground import ground_pixels, ground_points
 
 _Float = npt.NDArray[np.float64]
 Pose = Sequence[float] | _Float
@@ -62,6 +63,84 @@ def _view(pose: Pose, height_m: float, tilt_rad: Sequence[float]) -> list[float]
 
 def _rows(objects: Sequence[GroundObject]) -> _Float:
     return np.array([astuple(each) for each in objects], dtype=np.float64).reshape(-1, 8)
+
+
+def foot_tracks(
+    camera: Camera,
+    previous_pose: Pose,
+    pose: Pose,
+    *,
+    previous_height_m: float = 1.0,
+    height_m: float = 1.0,
+    previous_tilt_rad: Sequence[float] = (0.0, 0.0),
+    tilt_rad: Sequence[float] = (0.0, 0.0),
+    tracks: int = 300,
+    sigma_px: float = 0.1,
+    outlier_share: float = 0.0,
+    outlier_px: float = 30.0,
+    seed: int = 0,
+) -> tuple[_Float, _Float]:
+    """Feature tracks between two frames without images: pixels of ground points, and noise.
+
+    Points are uniform over the present image and kept where the previous one shows them too.
+
+    Parameters
+    ----------
+    camera
+        Of both frames.
+    previous_pose, pose
+        ``(x_m, y_m, heading_rad)`` of the body at both frames.
+    previous_height_m, height_m, previous_tilt_rad, tilt_rad
+        Of the camera, as in `GroundScene.render`.
+    tracks
+        How many.
+    sigma_px
+        Noise of the present pixel, per axis: that of the displacement.
+    outlier_share, outlier_px
+        Of tracks that went astray, and how far: uniform within, per axis.
+    seed
+        The same one gives the same bits.
+
+    Returns
+    -------
+    previous_px, present_px : ndarray, shape (tracks, 2)
+
+    Raises
+    ------
+    ValueError
+        For negative noise, a share outside [0, 1], and frames that have too little in common.
+    """
+    if tracks < 1:
+        raise ValueError(f"tracks: {tracks}; at least 1 is needed")
+    if not sigma_px >= 0.0:
+        raise ValueError(f"sigma_px: {sigma_px}; it must be at least 0")
+    if not 0.0 <= outlier_share <= 1.0:
+        raise ValueError(f"outlier_share: {outlier_share}; it must be in [0, 1]")
+    rng = np.random.default_rng(seed)
+    before = GroundScene.true_plane(previous_height_m, previous_tilt_rad)
+    now = GroundScene.true_plane(height_m, tilt_rad)
+    step = GroundScene.increment(previous_pose, pose)
+    c, s = np.cos(step[2]), np.sin(step[2])
+    size = np.array([camera.width, camera.height], dtype=np.float64)
+    kept: list[tuple[_Float, _Float]] = []
+    count = 0
+    for _ in range(20):
+        present = rng.uniform(0.0, 1.0, (2 * tracks, 2)) * size - 0.5
+        points = ground_points(now, camera, present)
+        there = np.isfinite(points[:, 0])
+        previous = ground_pixels(before, camera, points[there] @ np.array([[c, s], [-s, c]]) + step[:2])
+        inside = ((previous >= -0.5) & (previous <= size - 0.5)).all(axis=1)  # NaN is not
+        kept.append((previous[inside], present[there][inside]))
+        count += int(inside.sum())
+        if count >= tracks:
+            break
+    else:
+        raise ValueError(f"pose: the frames share {count} of {tracks} points looked for; they must overlap")
+    previous_px = np.concatenate([a for a, _ in kept])[:tracks]
+    present_px = np.concatenate([b for _, b in kept])[:tracks] + sigma_px * rng.standard_normal((tracks, 2))
+    astray = rng.uniform(size=tracks) < outlier_share
+    present_px[astray] += rng.uniform(-outlier_px, outlier_px, (int(astray.sum()), 2))
+    return previous_px, present_px
 
 
 class GroundScene:

@@ -18,7 +18,7 @@ from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
 from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
-from soopnav_cpp._ground_scene import GroundObject, GroundScene
+from soopnav_cpp._ground_scene import GroundObject, GroundScene, foot_tracks
 from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
 from soopnav_cpp._sounding import ChannelSounder, EmulatedChannels, SoundingRecord, ToneSweep, subcarrier_hz, turntable
@@ -62,6 +62,7 @@ __all__ = [
     "drift_path",
     "excess_delays",
     "far_field_limit_m",
+    "foot_tracks",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
     "log_distance_path_loss_db",

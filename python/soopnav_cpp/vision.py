@@ -24,6 +24,7 @@ from soopnav_cpp._core.vision import (
     PlanarMotion,
     PlaneFitter,
     PlaneStatus,
+    RigidMotionEstimator,
     TrackedFrame,
 )
 from soopnav_cpp._ground import (
@@ -48,6 +49,7 @@ __all__ = [
     "PlanarMotion",
     "PlaneFitter",
     "PlaneStatus",
+    "RigidMotionEstimator",
     "TrackedFrame",
     "Tracks",
     "available",

@@ -163,6 +163,39 @@ def test_high_above_the_ground_nothing_aliases(scene):
     assert np.corrcoef(low[40:80, 60:100].ravel(), high[40:80, 60:100].ravel())[0, 1] > 0.9
 
 
+@pytest.mark.consistency
+def test_tracks_without_images_give_increments_that_their_covariance_covers():
+    estimator = sn.vision.RigidMotionEstimator()
+    camera = sn.vision.Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    rng = np.random.default_rng(8)
+    nees = []
+    for k in range(80):
+        before, now = rng.uniform(-0.14, 0.14, (2, 2))
+        pose = (1.0, 2.0, 0.7)
+        to = (1.0 + 0.02 * rng.normal(), 2.0 + 0.02 * rng.normal(), 0.7 + 0.02 * rng.normal())
+        pixels = sn.simulation.foot_tracks(
+            camera, pose, to, previous_tilt_rad=before, tilt_rad=now, tracks=150, outlier_share=0.2, seed=k
+        )
+        planes = GroundScene.true_plane(1.0, before), GroundScene.true_plane(1.0, now)
+        motion = estimator.estimate(camera, *pixels, *planes)
+        assert motion.ok
+        assert 100 <= motion.inliers <= 135
+        error = motion.increment - GroundScene.increment(pose, to)
+        assert np.abs(error[:2]).max() < 1e-4
+        nees.append(error @ np.linalg.solve(motion.covariance, error))
+    assert 1.95 < np.mean(nees) < 4.4  # chi-square of 240: 1e-5
+
+
+def test_frames_without_common_ground_have_no_tracks():
+    with pytest.raises(ValueError, match="overlap"):
+        sn.simulation.foot_tracks(SMALL, (0, 0, 0), (50, 0, 0))
+    with pytest.raises(ValueError, match="outlier_share"):
+        sn.simulation.foot_tracks(SMALL, (0, 0, 0), (0, 0, 0), outlier_share=2.0)
+    a, b = sn.simulation.foot_tracks(SMALL, (0, 0, 0), (0, 0, 0), tracks=40, sigma_px=0.0)
+    np.testing.assert_allclose(a, b, atol=1e-9)
+    assert a.shape == (40, 2)
+
+
 def test_refusals_name_what_is_wrong(scene):
     for call, words in [
         (lambda: GroundScene(texture_size=100), "size"),

@@ -165,14 +165,18 @@ def plane(lab: Lab) -> Iterator[Claim]:
     yield Claim("tilt by RANSAC, 2 … 50 % outliers and a box: greatest rms", rms[1:, 1, 0].max(), at_most(0.02, "deg"))
     yield Claim("height by RANSAC, 30 % outliers and a box, rms", 1e3 * rms[5, 1, 1], at_most(0.1, "mm"))
     yield Claim(
-        "one outlier pulls the SVD: median of its tilt with 5 % and a box",
+        "SVD with 5 % outliers and a box: median tilt",
         np.median(errors[:, 2, 0, 0]),
         above(1.0, "deg"),
     )
     yield Claim(
         "NEES of tilt and height by RANSAC from clean points, mean (3)", errors[:, 0, 1, 2].mean(), band(2.3, 3.8)
     )
-    yield Claim("height of the RGB camera after D + A D_cam, rms", 1e3 * offset[:, 0].std(), at_most(0.1, "mm"))
+    yield Claim(
+        "height of the RGB camera after D + A D_cam, rms",
+        1e3 * math.sqrt(float(np.mean(offset[:, 0] ** 2))),
+        at_most(0.1, "mm"),
+    )
     slope = float((offset[:, 1] * offset[:, 2]).sum() / (offset[:, 2] ** 2).sum())
     yield Claim("without that step the height is off by A D_cam: slope", slope, band(0.98, 1.02))
     yield Claim(
