@@ -283,7 +283,7 @@ void register_rigid_motion(py::module_& m) {
            }),
            py::kw_only(), py::arg("min_sigma_px") = 0.01, py::arg("inlier_px") = 1.0, py::arg("min_tracks") = 8,
            py::arg("min_share") = 0.25, py::arg("max_hypotheses") = 200, py::arg("height_sigmas") = 6.0,
-           py::arg("height_tolerance") = 0.001, py::arg("track_inflation") = 1.0, py::arg("seed") = 0)
+           py::arg("height_tolerance") = 0.01, py::arg("track_inflation") = 1.0, py::arg("seed") = 0)
       .def(
           "estimate",
           [](RigidMotionEstimator& self, const vision::Camera& camera, const Table<"previous_px">& previous_px,
