@@ -247,7 +247,8 @@ class SnapshotRanger:
 
     For receivers that look now and then and keep their own time line. Strongest first, each cell's paths are resolved
     and its reference signals taken out of the samples before the next; a further pass resolves each among the others'
-    remains. Data of other cells stays and is noise. Six cells of 100 resource blocks: below 10 ms.
+    remains. Data of other cells stays and is noise. Six cells take about 6 ms at
+    50 resource blocks, 13 ms at 100.
 
     Parameters
     ----------

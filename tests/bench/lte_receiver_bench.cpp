@@ -9,8 +9,10 @@
 #include <span>
 #include <vector>
 
+#include "soopnav/waveform/lte/crs_loop.hpp"
 #include "soopnav/waveform/lte/search.hpp"
 #include "soopnav/waveform/lte/sequences.hpp"
+#include "soopnav/waveform/lte/snapshot_ranger.hpp"
 #include "soopnav/waveform/lte/synthesis.hpp"
 #include "soopnav/waveform/lte/time_of_arrival.hpp"
 #include "waveform/lte/cell_test.hpp"
@@ -157,5 +159,80 @@ void BM_CaptureToa(benchmark::State& state) {
   set_real_time(state, 80e-3);
 }
 BENCHMARK(BM_CaptureToa)->Unit(benchmark::kMillisecond);
+
+/// Two paths half a cell apart, 100 RB, two ports: one subframe from samples to delays with covariance.
+void BM_ResolvePaths(benchmark::State& state) {
+  lte::CellParameters cell;
+  cell.cell_id = 277;
+  cell.n_rb = 100;
+  cell.n_ports = 2;
+  cell.delay_s = 20.3e-6;
+  cell.taps = {{0.0, 1.0}, {28e-9, {0.0, 0.8}}};
+  const double rate = 30.72e6;
+  const auto iq = lte::synthesize(std::span(&cell, 1), rate, static_cast<std::size_t>(1.1e-3 * rate),
+                                  lte::noise_variance_for_snr(15.0), 1);
+  lte::Detection detection;
+  detection.cell_id = 277;
+  detection.n_rb = 100;
+  detection.n_ports = 2;
+  lte::SubframePathResolver resolver(rate, detection);
+  lte::ResolvedPaths paths;
+  for (auto _ : state) benchmark::DoNotOptimize(resolver.resolve(iq, 0, 1, 20e-6, 0.0, paths));
+  if (paths.paths.size() != 2) state.SkipWithError("not two paths");
+  set_real_time(state, 1e-3);
+}
+BENCHMARK(BM_ResolvePaths)->Unit(benchmark::kMicrosecond);
+
+/// Six cells in one millisecond, each with the others taken out. Argument: resource blocks.
+void BM_SnapshotRanger(benchmark::State& state) {
+  const int n_rb = static_cast<int>(state.range(0));
+  const double rate = n_rb > 50 ? 30.72e6 : 15.36e6;
+  std::vector<lte::CellParameters> cells;
+  std::vector<lte::Detection> known;
+  std::vector<double> guess;
+  for (int l = 0; l < 6; ++l) {
+    lte::CellParameters cell;
+    cell.cell_id = 37 * l + 11;
+    cell.n_rb = n_rb;
+    cell.n_ports = 2;
+    cell.delay_s = 100e-6 - 0.15e-6 * l;
+    cell.power_db = -2.0 * l;
+    cell.taps = {{0.0, 1.0}, {60e-9, {0.0, 0.6}}};
+    cell.data_load = 0.0;
+    cells.push_back(cell);
+    lte::Detection detection;
+    detection.cell_id = cell.cell_id;
+    detection.n_rb = n_rb;
+    detection.n_ports = 2;
+    known.push_back(detection);
+    guess.push_back(100e-6);
+  }
+  const auto iq =
+      lte::synthesize(cells, rate, static_cast<std::size_t>(1.2e-3 * rate), lte::noise_variance_for_snr(20.0), 1);
+  lte::SnapshotRanger ranger(rate, known);
+  std::span<const lte::SnapshotRange> out;
+  for (auto _ : state) benchmark::DoNotOptimize(out = ranger.range(iq, guess));
+  for (const auto& r : out) {
+    if (r.status != lte::ResolveStatus::kOk) state.SkipWithError("a cell was lost");
+  }
+}
+BENCHMARK(BM_SnapshotRanger)->Arg(50)->Arg(100)->Unit(benchmark::kMillisecond);
+
+/// Carrier and delay loop: 80 ms of 100 RB, 80 updates.
+void BM_CrsLoop(benchmark::State& state) {
+  const auto iq = capture(19.2e6, 80e-3, 100, 0.0, 10.0);
+  lte::Detection detection;
+  detection.cell_id = 277;
+  detection.n_rb = 100;
+  detection.n_ports = 2;
+  detection.frame_start_s = 1.234e-3;
+  for (auto _ : state) {
+    lte::CrsLoop loop({.sample_rate_hz = 19.2e6}, detection);
+    benchmark::DoNotOptimize(loop.push(iq).size());
+    if (loop.last().status != lte::LoopStatus::kTracking) state.SkipWithError("not followed");
+  }
+  set_real_time(state, 80e-3);
+}
+BENCHMARK(BM_CrsLoop)->Unit(benchmark::kMillisecond);
 
 }  // namespace

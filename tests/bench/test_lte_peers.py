@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.fft
+import scipy.optimize
 from pytest_benchmark.fixture import BenchmarkFixture
 
 import soopnav_cpp as sn
@@ -174,3 +175,43 @@ def test_two_resamplings_in_turn(benchmark: BenchmarkFixture, subframe: Iq) -> N
 def test_two_resamplings_in_two_threads(benchmark: BenchmarkFixture, subframe: Iq) -> None:
     with ThreadPoolExecutor(2) as pool:
         benchmark(lambda: list(pool.map(lambda _: resample_often(subframe), range(2))))
+
+
+@pytest.fixture(scope="module")
+def close_paths() -> tuple[Iq, npt.NDArray[np.int64]]:
+    centred = 3 * np.arange(400) + 1 - 600
+    f = np.where(centred < 0, centred, centred + 1)
+    rng = np.random.default_rng(1)
+    gains = np.array([[1.0, 1j], [0.8j, -0.8]])
+    clean = np.einsum("lp,lf->pf", gains, np.exp(-2j * np.pi * 15e3 * np.outer([0.0, 28e-9], f)))
+    noise = rng.normal(scale=0.1, size=(2, 2, f.size))
+    return (clean + noise[0] + 1j * noise[1]).astype(np.complex64), f
+
+
+def two_paths_scipy(channel: Iq, f: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """The same least squares with the amplitudes projected out, by SciPy from the pair grid's best."""
+    data = channel.T.astype(np.complex128)
+
+    def residual(delays_ns: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        steering = np.exp(-2j * np.pi * 15e-6 * np.outer(f, delays_ns))
+        left = data - steering @ np.linalg.lstsq(steering, data, rcond=None)[0]
+        return np.concatenate([left.real.ravel(), left.imag.ravel()])
+
+    grid = np.arange(-60.0, 60.0, 7.0)
+    pairs = [np.array([a, b]) for i, a in enumerate(grid) for b in grid[i + 2 :]]
+    start = min(pairs, key=lambda pair: float(np.sum(residual(pair) ** 2)))
+    return np.sort(scipy.optimize.least_squares(residual, start).x) * 1e-9
+
+
+@pytest.mark.benchmark(group="two paths half a cell apart, 400 elements, two ports")
+def test_resolve_paths(benchmark: BenchmarkFixture, close_paths: tuple[Iq, npt.NDArray[np.int64]]) -> None:
+    resolver = sn.lte.PathResolver()
+    paths = benchmark(resolver.resolve, *close_paths, 0.02)
+    assert len(paths) == 2
+    assert abs(paths.toa_s) < 2e-9
+
+
+@pytest.mark.benchmark(group="two paths half a cell apart, 400 elements, two ports")
+def test_resolve_paths_scipy(benchmark: BenchmarkFixture, close_paths: tuple[Iq, npt.NDArray[np.int64]]) -> None:
+    delays = benchmark.pedantic(two_paths_scipy, args=close_paths, rounds=3)
+    assert abs(delays[0]) < 2e-9

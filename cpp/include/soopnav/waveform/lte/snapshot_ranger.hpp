@@ -38,8 +38,8 @@ struct SnapshotRange {
 ///
 /// Strongest first, each cell's paths are resolved (PathResolver) and its reference signals taken out of the samples
 /// before the next; a further pass puts each back alone and resolves it among the others' remains. Data of other cells
-/// stays and is noise. Allocates nothing after the first call for a length. Six cells of 100 resource blocks with two
-/// passes: below 10 ms.
+/// stays and is noise. Allocates nothing after the first call for a length. Six cells with two passes: about
+/// 6 ms at 50 resource blocks, 13 ms at 100.
 class SnapshotRanger {
  public:
   /// `cells` give identity, cyclic prefix, duplex mode, bandwidth and ports.
