@@ -16,6 +16,8 @@ SPEED_OF_LIGHT_MPS = 299_792_458.0
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "captures" / "lte"
 offair = pytest.mark.skipif(not (FOLDER / "truth.json").exists(), reason="the captures in ../shared are not there")
 
+pytestmark = pytest.mark.unit
+
 Iq = npt.NDArray[np.complex64]
 
 

@@ -10,6 +10,8 @@ import pytest
 from soopnav_cpp.experiments import load, nielsen_lte, nielsen_paths
 from soopnav_cpp.experiments.registry import perform
 
+pytestmark = pytest.mark.consistency
+
 
 def test_a_share_of_cells_is_demodulated_as_the_standard_says() -> None:
     rows = nielsen_lte.signals_run(5, 3, 84)
