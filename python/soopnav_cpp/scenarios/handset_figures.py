@@ -39,7 +39,16 @@ def _nodes(axes: Axes, run: HandsetRun, *, edge_m: float) -> list[Any]:
     for k, place in enumerate(run.nodes_m[:, :2]):
         edge = place / np.abs(place).max() * (edge_m - 0.06 * run.size_m)
         (mark,) = axes.plot(*edge, "o", color=_COLOURS[4], markersize=13)
-        axes.text(*edge, str(k + 1), fontsize=8, ha="center", va="center", color="white", fontweight="bold")
+        axes.text(
+            float(edge[0]),
+            float(edge[1]),
+            str(k + 1),
+            fontsize=8,
+            ha="center",
+            va="center",
+            color="white",
+            fontweight="bold",
+        )
         drawn.append(mark)
     return drawn
 
@@ -104,7 +113,7 @@ def sight(run: HandsetRun) -> Figure:
     """P(LOS) of each link against the truth, shaded where the link is shut."""
     links = run.los.shape[1]
     figure = _figure(8.6, 0.9 + 0.95 * links)
-    panels = np.atleast_1d(figure.subplots(links, 1, sharex=True))
+    panels = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
     for k, axes in enumerate(panels):
         axes.fill_between(run.t_s, 0.0, 1.0, where=~run.los[:, k], step="mid", color=_COLOURS[4], alpha=0.3,
                           linewidth=0.0, label="shut in truth")  # fmt: skip

@@ -130,7 +130,7 @@ def _radio(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[_Array, _
     heard = np.array([i for i, one in enumerate(cells) if one is not None], dtype=np.int64)
     missing = [str(air.ids[i]) for i, one in enumerate(cells) if one is None]
     notes = (
-        [f"the search in the first {1e3 * _SEARCH_S:g} ms did not find cell {', '.join(missing)}"] if missing else []
+        [f"{_SEARCHES} searches of {1e3 * _SEARCH_S:g} ms did not find cell {', '.join(missing)}"] if missing else []
     )
     if not heard.size:
         raise ValueError(f"lte.snr_db: {scenario.lte.snr_db:g}: no cell was found in the first epoch")
