@@ -16,6 +16,7 @@ from . import measurement
 from . import ofdm
 from . import process
 from . import simulation
+from . import vision
 from . import navigation
 
 __all__: list[str] = [
@@ -33,4 +34,5 @@ __all__: list[str] = [
     "ofdm",
     "process",
     "simulation",
+    "vision",
 ]

@@ -14,6 +14,13 @@ __all__: list[str] = [
     "BearingUse",
     "ClockMotion",
     "FixStatus",
+    "HandsetClock",
+    "HandsetEstimate",
+    "HandsetFilter",
+    "HandsetLocator",
+    "HandsetReport",
+    "HandsetStatus",
+    "HandsetUse",
     "NodeMapStatus",
     "NodeUse",
     "OfdmInertialNavigator",
@@ -164,6 +171,258 @@ class PositionFix:
     def used(self) -> numpy.typing.NDArray[numpy.bool]:
         """
         Whether each node took part; shape (nodes,).
+        """
+
+class HandsetFilter(enum.Enum):
+    """
+    The two filters of nielsen 4.2.3.
+    """
+
+    CONTROL = ...
+    MEASUREMENT = ...
+
+class HandsetClock(enum.Enum):
+    """
+    Whose clock the ranges carry.
+    """
+
+    COMMON = ...
+    SEPARATE = ...
+
+class HandsetUse(enum.Enum):
+    """
+    What became of an observation.
+    """
+
+    CLOCKS_DISAGREE = ...
+    COASTED = ...
+    NOTHING_HEARD = ...
+    NOT_FINITE = ...
+    OUTLIERS = ...
+    OUT_OF_ORDER = ...
+    RECOVERED = ...
+    USED = ...
+    WALLS = ...
+
+class HandsetStatus(enum.Enum):
+    """
+    What an estimate rests on.
+    """
+
+    CAMERA_ONLY = ...
+    COASTING = ...
+    DEAD_TIME = ...
+    STARTING = ...
+    TRACKING = ...
+
+class HandsetReport:
+    """
+    What came of an observation. Read-only.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def ess(self) -> float:
+        """
+        Effective number of particles.
+        """
+    @property
+    def heard(self) -> int:
+        """
+        Links.
+        """
+    @property
+    def log_evidence(self) -> float:
+        """
+        Of this observation given those before.
+        """
+    @property
+    def outliers(self) -> float:
+        """
+        Share of particles and links that took it for an outlier.
+        """
+    @property
+    def use(self) -> HandsetUse:
+        """
+        What became of it.
+        """
+
+class HandsetEstimate:
+    """
+    Where a handset is. Read-only; NaN where there is no value.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def clock_m(self) -> float:
+        """
+        Common clock, or the first node's.
+        """
+    @property
+    def clock_sigma_m(self) -> float:
+        """
+        Of clock_m.
+        """
+    @property
+    def covariance_m2(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of the whole mixture; shape (2, 2).
+        """
+    @property
+    def ess(self) -> float:
+        """
+        Effective number of particles.
+        """
+    @property
+    def excess_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Excess delay where it has; shape (links,).
+        """
+    @property
+    def heading_rad(self) -> float:
+        """
+        Circular mean.
+        """
+    @property
+    def heading_sigma_rad(self) -> float:
+        """
+        Circular standard deviation.
+        """
+    @property
+    def mode_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Mean of the heaviest group of particles; shape (2,).
+        """
+    @property
+    def mode_share(self) -> float:
+        """
+        Weight of that group.
+        """
+    @property
+    def multimodal(self) -> bool:
+        """
+        Whether that is less than 0.9.
+        """
+    @property
+    def node_sigma_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of each coordinate of them; shape (links,).
+        """
+    @property
+    def nodes_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Places of the nodes, estimated or given; shape (links, 2).
+        """
+    @property
+    def offset_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Nodes' own times; shape (links,).
+        """
+    @property
+    def p_los(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Probability that a link has no excess delay; shape (links,).
+        """
+    @property
+    def position_m(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Mean; shape (2,).
+        """
+    @property
+    def status(self) -> HandsetStatus:
+        """
+        What it rests on.
+        """
+    @property
+    def t_s(self) -> float:
+        """
+        Time of the last observation.
+        """
+    @property
+    def velocity_mps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (2,).
+        """
+
+class HandsetLocator:
+    """
+    Ranges, bearings and camera steps in, a position out.
+    """
+    def __init__(
+        self,
+        nodes_m: numpy.typing.ArrayLike,
+        filter: HandsetFilter,
+        clock: HandsetClock,
+        height_m: typing.SupportsFloat | typing.SupportsIndex,
+        start_m: numpy.typing.ArrayLike,
+        node_sigma_m: numpy.typing.ArrayLike,
+        room_m: numpy.typing.ArrayLike,
+        walls_m: numpy.typing.ArrayLike,
+        alone: bool,
+        **kwargs,
+    ) -> None: ...
+    def coast(self, t_s: typing.SupportsFloat | typing.SupportsIndex) -> HandsetReport:
+        """
+        No step known up to here.
+        """
+    def estimate(self) -> HandsetEstimate:
+        """
+        Where the handset is.
+        """
+    def move(
+        self,
+        t_s: typing.SupportsFloat | typing.SupportsIndex,
+        increment: numpy.typing.ArrayLike,
+        track_covariance: numpy.typing.ArrayLike,
+        foot_covariance_previous: numpy.typing.ArrayLike,
+        foot_covariance: numpy.typing.ArrayLike,
+    ) -> HandsetReport:
+        """
+        One step of the camera.
+        """
+    def particles(self, draw: bool) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Rows x, y, heading, weight.
+        """
+    def reset(self, seed: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        As new.
+        """
+    def run(
+        self,
+        frame_s: numpy.typing.ArrayLike,
+        increments: numpy.typing.ArrayLike,
+        track_covariance: numpy.typing.ArrayLike,
+        foot_covariance: numpy.typing.ArrayLike,
+        epoch_s: numpy.typing.ArrayLike,
+        ranges_m: numpy.typing.ArrayLike,
+        sigma_m: numpy.typing.ArrayLike,
+    ) -> tuple:
+        """
+        A whole run.
+        """
+    def update_bearings(
+        self,
+        bearings_rad: numpy.typing.ArrayLike,
+        sigma_rad: numpy.typing.ArrayLike,
+        t_s: typing.SupportsFloat | typing.SupportsIndex,
+        of_body: bool,
+        mirror_rad: numpy.typing.ArrayLike,
+    ) -> HandsetReport:
+        """
+        Bearings to the nodes.
+        """
+    def update_ranges(
+        self,
+        ranges_m: numpy.typing.ArrayLike,
+        sigma_m: numpy.typing.ArrayLike,
+        t_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> HandsetReport:
+        """
+        Ranges to all nodes.
+        """
+    @property
+    def dimension(self) -> int:
+        """
+        Numbers of each particle's Gaussian.
         """
 
 class ClockMotion(enum.Enum):

@@ -11,6 +11,7 @@ import soopnav_cpp._core.array
 import soopnav_cpp._core.geometry
 import soopnav_cpp._core.gnss
 import soopnav_cpp._core.ofdm
+import soopnav_cpp._core.vision
 import typing
 
 __all__: list[str] = [
@@ -19,6 +20,7 @@ __all__: list[str] = [
     "ChannelSounder",
     "FrontEnd",
     "GnssObservableOptions",
+    "GroundScene",
     "ImuErrorModel",
     "IndoorRoom",
     "LinkBudget",
@@ -40,8 +42,11 @@ __all__: list[str] = [
     "far_field_limit_m",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
+    "handset_world",
+    "increment_between",
     "log_distance_path_loss_db",
     "mean_power",
+    "nlos_schedule",
     "noise_variance_for_element_snr",
     "noise_variance_for_snr",
     "render_aperture",
@@ -666,6 +671,47 @@ class LinkBudget:
     @property
     def noise_floor_dbm(self) -> float: ...
 
+class GroundScene:
+    """
+    Textured ground below a camera, rendered with exact truth.
+    """
+    def __init__(
+        self,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        *,
+        size: typing.SupportsInt | typing.SupportsIndex = 2048,
+        texel_m: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+        finest_texels: typing.SupportsInt | typing.SupportsIndex = 4,
+        roughness: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        contrast: typing.SupportsFloat | typing.SupportsIndex = 0.22,
+    ) -> None: ...
+    def brightness(
+        self, x_m: typing.SupportsFloat | typing.SupportsIndex, y_m: typing.SupportsFloat | typing.SupportsIndex
+    ) -> float:
+        """
+        Of the ground there, 0 black, 1 white.
+        """
+    def depth_cloud(
+        self,
+        camera: soopnav_cpp._core.vision.Camera,
+        view: numpy.typing.ArrayLike,
+        points: typing.SupportsInt | typing.SupportsIndex,
+        sensor: numpy.typing.ArrayLike,
+        sensor_p_c: numpy.typing.ArrayLike,
+        objects: numpy.typing.ArrayLike,
+        wall: numpy.typing.ArrayLike | None,
+        frame: typing.SupportsInt | typing.SupportsIndex,
+    ) -> numpy.typing.NDArray[numpy.float32]: ...
+    def render(
+        self,
+        camera: soopnav_cpp._core.vision.Camera,
+        views: numpy.typing.ArrayLike,
+        shot: numpy.typing.ArrayLike,
+        objects: numpy.typing.ArrayLike,
+        wall: numpy.typing.ArrayLike | None,
+        frame: typing.SupportsInt | typing.SupportsIndex,
+    ) -> numpy.typing.NDArray[numpy.uint8]: ...
+
 def add_awgn(
     iq: numpy.typing.NDArray[numpy.complex64],
     variance: typing.SupportsFloat | typing.SupportsIndex,
@@ -810,6 +856,28 @@ def friis_received_power_dbm(
     Power received over free space.
     """
 
+def handset_world(
+    seed: typing.SupportsInt | typing.SupportsIndex, **kwargs
+) -> tuple[
+    numpy.typing.NDArray[numpy.float64],
+    float,
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    tuple,
+]:
+    """
+    A walk indoors.
+    """
+
+def increment_between(
+    previous: numpy.typing.ArrayLike, present: numpy.typing.ArrayLike
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def log_distance_path_loss_db(
     distance_m: typing.SupportsFloat | typing.SupportsIndex,
     *,
@@ -824,6 +892,16 @@ def log_distance_path_loss_db(
 def mean_power(iq: numpy.typing.NDArray[numpy.complex64]) -> float:
     """
     Mean of |x|^2.
+    """
+
+def nlos_schedule(
+    epochs: typing.SupportsInt | typing.SupportsIndex,
+    step_s: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    **kwargs,
+) -> tuple:
+    """
+    Which links are blocked when.
     """
 
 def noise_variance_for_element_snr(

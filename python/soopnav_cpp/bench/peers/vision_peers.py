@@ -21,6 +21,7 @@ def ego_motion(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[floa
     import cv2
 
     cv2.setNumThreads(1)
+    lucas_kanade: Any = cv2.calcOpticalFlowPyrLK  # None for a start is right, its stubs say otherwise
     fx, fy, cx, cy = (float(value) for value in data["camera"])
     n, d = data["normal_c"], float(data["distance_m"])
     first = np.array([1.0, 0.0, 0.0]) - n[0] * n
@@ -51,8 +52,8 @@ def ego_motion(data: Data) -> tuple[Callable[[], Any], Callable[[Any], list[floa
         return points if new is None else np.concatenate([points, new])
 
     def step(before: Any, now: Any, points: Any) -> tuple[Array, Any]:
-        there, seen, _ = cv2.calcOpticalFlowPyrLK(before, now, points, None, **flow)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, there, None, **flow)
+        there, seen, _ = lucas_kanade(before, now, points, None, **flow)
+        back, again, _ = lucas_kanade(now, before, there, None, **flow)
         good = (seen.ravel() > 0) & (again.ravel() > 0) & (np.abs(back - points).max(axis=(1, 2)) < 0.5)
         a, b = ground(points[good].reshape(-1, 2)), ground(there[good].reshape(-1, 2))
         M, _ = cv2.estimateAffinePartial2D(b, a, ransacReprojThreshold=d / fx)
