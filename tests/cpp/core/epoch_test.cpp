@@ -1,11 +1,12 @@
 #include "soopnav/core/epoch.hpp"
-#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdint>
 #include <limits>
+
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {

@@ -1,11 +1,12 @@
 #include "soopnav/core/observation.hpp"
-#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <limits>
 #include <vector>
+
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {

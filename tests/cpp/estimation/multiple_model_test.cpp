@@ -15,11 +15,11 @@
 namespace soopnav {
 namespace {
 
+using ::soopnav::test::kNan;
 using test::Fix;
 using test::Motion;
 using test::PlanarRange;
 using test::Vehicle;
-using ::soopnav::test::kNan;
 using Clock = ComposedState<PlanarFrame, Role<1, ClockBiasTag>>;
 struct Seen {
   static constexpr int kDim = 1;

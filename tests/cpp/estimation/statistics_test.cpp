@@ -1,9 +1,10 @@
 #include "soopnav/estimation/statistics.hpp"
-#include "support/nan.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+
+#include "support/nan.hpp"
 
 namespace soopnav {
 namespace {

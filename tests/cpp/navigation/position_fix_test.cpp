@@ -16,13 +16,13 @@
 namespace soopnav::navigation {
 namespace {
 
+using ::soopnav::test::kNan;
 using test::planar;
 using test::Scene;
 using test::town;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
-using ::soopnav::test::kNan;
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 std::string refusal(const Scene& scene, const PositionFixOptions& options = {}) {

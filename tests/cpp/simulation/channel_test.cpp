@@ -1,5 +1,4 @@
 #include "soopnav/simulation/channel.hpp"
-#include "support/nan.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+
+#include "support/nan.hpp"
 
 namespace soopnav::simulation {
 namespace {

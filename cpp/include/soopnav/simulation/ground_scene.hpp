@@ -41,11 +41,11 @@ struct GroundWall {
 };
 
 struct GroundTextureOptions {
-  int size = 2048;          ///< texels along a side, a power of two in 64 ... 8192; the texture repeats
-  double texel_m = 0.001;   ///< one texel on the ground [m]
-  int finest_texels = 4;    ///< spacing of the finest detail: a power of two; below 4 images alias
-  double roughness = 1.0;   ///< amplitude of each finer octave against the coarser one, (0, 2]
-  double contrast = 0.22;   ///< standard deviation of the brightness about 0.5
+  int size = 2048;         ///< texels along a side, a power of two in 64 ... 8192; the texture repeats
+  double texel_m = 0.001;  ///< one texel on the ground [m]
+  int finest_texels = 4;   ///< spacing of the finest detail: a power of two; below 4 images alias
+  double roughness = 1.0;  ///< amplitude of each finer octave against the coarser one, (0, 2]
+  double contrast = 0.22;  ///< standard deviation of the brightness about 0.5
 };
 
 /// What the light, the lens and the sensor do to one image.

@@ -14,15 +14,15 @@
 namespace soopnav::vision {
 
 struct RigidMotionOptions {
-  double min_sigma_px = 0.01;       ///< the covariance never stands for less
-  double inlier_px = 1.0;           ///< a track that misses the motion by less agrees with it [pixel]
-  int min_tracks = 8;               ///< that agree
-  double min_share = 0.25;          ///< of the tracks on the ground that must agree
-  int max_hypotheses = 200;         ///< fewer where many agree
-  double confidence = 0.9999;       ///< that one hypothesis was free of outliers
-  double height_sigmas = 6.0;       ///< gate of the height check, in sigma of the difference
+  double min_sigma_px = 0.01;      ///< the covariance never stands for less
+  double inlier_px = 1.0;          ///< a track that misses the motion by less agrees with it [pixel]
+  int min_tracks = 8;              ///< that agree
+  double min_share = 0.25;         ///< of the tracks on the ground that must agree
+  int max_hypotheses = 200;        ///< fewer where many agree
+  double confidence = 0.9999;      ///< that one hypothesis was free of outliers
+  double height_sigmas = 6.0;      ///< gate of the height check, in sigma of the difference
   double height_tolerance = 0.01;  ///< added to that gate: what calibration leaves
-  double track_inflation = 1.0;     ///< of the tracks' covariance, for what neighbouring tracks share
+  double track_inflation = 1.0;    ///< of the tracks' covariance, for what neighbouring tracks share
   std::uint64_t seed = 0;
 };
 

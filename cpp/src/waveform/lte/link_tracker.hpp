@@ -88,8 +88,7 @@ class LinkTracker {
   std::vector<FrameEstimate> estimates_;
   std::vector<Cf32> mean_;
   int elements_ = 0, ports_ = 0;
-  double drift_sigma_ = 0.0, frequency_sigma_ = 0.0, delay_sigma_ = 0.0, snr_ = 0.0, power_ = 0.0,
-         mean_noise_ = 0.0;
+  double drift_sigma_ = 0.0, frequency_sigma_ = 0.0, delay_sigma_ = 0.0, snr_ = 0.0, power_ = 0.0, mean_noise_ = 0.0;
 };
 
 }  // namespace soopnav::lte
