@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from soopnav_cpp import io, simulation, vision
+from soopnav_cpp import io, plotting, simulation, vision
 from soopnav_cpp._walk import Walk
 
 pytest.importorskip("matplotlib")
@@ -131,6 +131,13 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without figures, which take most of the time."""
+    for name in ("ground_track", "increments"):
+        monkeypatch.setattr(plotting, name, lambda *_, path, **__: Path(path).write_bytes(b"\x89PNG"))
+
+
 def follow(rendered: Path, out: Path, *more: object, code: int = 0) -> Result:
     return run("egomotion", rendered / "walk.mkv", "--camera", rendered / "cam.toml", "--out", out, *more, code=code)
 
@@ -165,6 +172,7 @@ def test_a_rendered_walk(rendered: Path, tmp_path: Path) -> None:
 
 
 @needs_opencv
+@pytest.mark.usefixtures("plain")
 def test_depth_tells_the_plane(rendered: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     video = tmp_path / "tracks.mp4"
@@ -181,6 +189,7 @@ def test_depth_tells_the_plane(rendered: Path, tmp_path: Path) -> None:
 
 
 @needs_opencv
+@pytest.mark.usefixtures("plain")
 def test_the_same_seed_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         follow(rendered, tmp_path / name, "--depth", rendered / "depth", "--frames", 8)
@@ -189,6 +198,7 @@ def test_the_same_seed_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> N
 
 
 @needs_opencv
+@pytest.mark.usefixtures("plain")
 def test_missing_depth_is_bridged(rendered: Path, tmp_path: Path) -> None:
     depth = tmp_path / "depth"
     depth.mkdir()
@@ -202,6 +212,7 @@ def test_missing_depth_is_bridged(rendered: Path, tmp_path: Path) -> None:
 
 
 @needs_opencv
+@pytest.mark.usefixtures("plain")
 def test_a_floor_that_shows_nothing(rendered: Path, tmp_path: Path) -> None:
     io.write_video(tmp_path / "dark.mkv", [np.zeros((120, 160), np.uint8)] * 5, lossless=True)
     result = run("egomotion", tmp_path / "dark.mkv", "--camera", rendered / "cam.toml", "--height", 1.0, "--out",
