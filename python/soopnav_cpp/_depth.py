@@ -93,21 +93,30 @@ class DepthFolder:
         In the order of their names, numbers as numbers.
     t_s : ndarray or None
         Seconds from the first one, where the names are times.
+    first_s : float or None
+        What the first name says, where the names are times.
     """
 
     folder: Path
     files: tuple[Path, ...]
     t_s: npt.NDArray[np.float64] | None
     camera: Any = None
+    first_s: float | None = None
     _cloud: Callable[[Path], npt.NDArray[Any]] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.files)
 
-    def index_of(self, k: int, t_s: float, *, within_s: float) -> int | None:
-        """Which file belongs to frame `k`, taken at `t_s`: the nearest in time, or without times the k-th."""
+    def index_of(self, k: int, t_s: float, *, within_s: float, first_s: float | None = None) -> int | None:
+        """Which file belongs to frame `k`, taken at `t_s`: the nearest in time, or without times the k-th.
+
+        `k` is the frame's own number (`Frame.number`). With `first_s`, that of the video, `t_s` counts from it on the
+        clock of the names; without it from the first file.
+        """
         if self.t_s is None:
             return k if k < len(self.files) else None
+        if first_s is not None and self.first_s is not None:
+            t_s += first_s - self.first_s
         i = int(np.argmin(np.abs(self.t_s - t_s)))
         return i if abs(float(self.t_s[i]) - t_s) <= within_s else None
 
@@ -192,7 +201,8 @@ def read_depth(
     folder : path
         Files ``.npy``, ``.npz`` (``points`` or ``depth``; metres when floating, millimetres when unsigned integers),
         ``.pcd``, or ``.png`` of 16 bits (millimetres), one per frame, all of one kind. Names that are times
-        (``12.05.npy``) are matched to frames by time, others in their order.
+        (``12.05.npy``) are matched to frames by time (on one clock with pictures whose names are times), others in
+        their order.
     camera : optional
         Of the depth images: has width, height, fx, fy, cx, cy.
     read_cloud : callable, optional
@@ -219,5 +229,6 @@ def read_depth(
     if kinds == [".pcd"] and read_cloud is None:
         read_cloud = importlib.import_module("soopnav_cpp._pcd").read_point_cloud  # loaded when it is needed
     times = names_as_times(files)
-    t_s = None if times is None else np.array(times) - times[0]
-    return DepthFolder(where, tuple(files), t_s, camera, read_cloud)
+    if times is None:
+        return DepthFolder(where, tuple(files), None, camera, None, read_cloud)
+    return DepthFolder(where, tuple(files), np.array(times) - times[0], camera, times[0], read_cloud)

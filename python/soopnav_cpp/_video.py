@@ -62,11 +62,15 @@ class Photo:
 
 
 class Frame(NamedTuple):
-    """A frame: its time [s] and its grey image, shape (h, w), uint8; of a photograph also what that says."""
+    """A frame: its time [s] and its grey image, shape (h, w), uint8; of a photograph also what that says.
+
+    `number` counts from 0 and counts frames that could not be decoded as well.
+    """
 
     t_s: float
     image: Image
     photo: Photo | None = None
+    number: int = 0
 
 
 @dataclass(eq=False)
@@ -84,6 +88,8 @@ class Video:
         Frames that the file says it has; 0: it does not say.
     problem : str
         Empty, or after the frames have been read: why there were fewer than there should be.
+    first_s : float or None
+        Of pictures whose names are their times: what the first name says. Times of frames count from it.
     """
 
     path: Path
@@ -92,6 +98,7 @@ class Video:
     rate_hz: float
     expected: int = 0
     problem: str = ""
+    first_s: float | None = None
     _duration_s: float = field(default=0.0, repr=False)
     _pictures: tuple[Path, ...] = field(default=(), repr=False)
     _times_s: tuple[float, ...] = field(default=(), repr=False)
@@ -107,7 +114,7 @@ class Video:
 
     def _photos(self) -> Iterator[Frame]:
         bad = 0
-        for path, time_s in zip(self._pictures, self._times_s, strict=True):
+        for number, (path, time_s) in enumerate(zip(self._pictures, self._times_s, strict=True)):
             try:
                 image, photo = _open_photo(path)
             except VideoError as error:
@@ -115,12 +122,13 @@ class Video:
                 more = f" and {bad - 1} more" if bad > 1 else ""
                 self.problem = str(error) if bad == 1 else f"{path}{more} cannot be read"
                 continue
-            yield Frame(time_s, image, photo)
+            yield Frame(time_s, image, photo, number)
 
     def _decode(self) -> Iterator[Frame]:
         av = require("av", "vision", "reading a video")
         good, bad, row = 0, 0, 0
         reason, last_s = "", 0.0
+        bad_pts: list[int | None] = []  # frames come in the order of their times, packets need not
         with _opened(av, self.path) as container:
             stream = container.streams.video[0]
             packets = iter(container.demux(stream))
@@ -136,12 +144,14 @@ class Video:
                     frames = packet.decode()
                 except av.error.FFmpegError as error:
                     bad, row, reason = bad + 1, row + 1, _reason(error)
+                    bad_pts.append(packet.pts)
                     continue
                 row = 0
                 for frame in frames:
                     time_s = frame.time if frame.time is not None else good / self.rate_hz
+                    number = good + sum(pts is None or frame.pts is None or pts < frame.pts for pts in bad_pts)
                     good, last_s = good + 1, float(time_s)
-                    yield Frame(float(time_s), np.ascontiguousarray(frame.to_ndarray(format="gray")))
+                    yield Frame(float(time_s), np.ascontiguousarray(frame.to_ndarray(format="gray")), None, number)
         short = last_s + 3.0 / self.rate_hz < self._duration_s if not self.expected else good < self.expected
         if short and not self.expected:
             reason = reason or f"it ends at {last_s:.1f} s of {self._duration_s:.1f} s"
@@ -260,7 +270,7 @@ def photo_data(path: str | Path) -> Photo:
 
 
 def names_as_times(paths: Sequence[Path]) -> list[float] | None:
-    """Seconds that the names of files are (``1305031102.175304.png``), from the first one; None if they are not."""
+    """Seconds that the names of files are (``1305031102.175304.png``); None if they are not, or do not rise."""
     if not paths or not all(_TIME.fullmatch(path.stem) for path in paths):
         return None
     times = [float(path.stem) for path in paths]
@@ -274,16 +284,16 @@ def _taken(path: Path) -> datetime.datetime | None:
         return None
 
 
-def _when(paths: Sequence[Path], rate_hz: float | None) -> list[float]:
-    """Times of pictures [s]: at a rate, by their names, by their clocks, or at 30 Hz."""
+def _when(paths: Sequence[Path], rate_hz: float | None) -> tuple[list[float], float | None]:
+    """Times of pictures [s]: at a rate, by their names, by their clocks, or at 30 Hz; and what the first name says."""
     if rate_hz is None:
         times = names_as_times(paths)
         if times is not None:
-            return [time - times[0] for time in times]
+            return [time - times[0] for time in times], times[0]
         taken = [stamp for stamp in map(_taken, paths) if stamp is not None] if len(paths) <= _MOST_ASKED else []
         if len(taken) == len(paths) and all(b > a for a, b in itertools.pairwise(taken)):
-            return [(stamp - taken[0]).total_seconds() for stamp in taken]
-    return [k / (rate_hz or _PHOTO_RATE_HZ) for k in range(len(paths))]
+            return [(stamp - taken[0]).total_seconds() for stamp in taken], None
+    return [k / (rate_hz or _PHOTO_RATE_HZ) for k in range(len(paths))], None
 
 
 def _size(paths: Sequence[Path]) -> tuple[int, int]:
@@ -319,8 +329,9 @@ def read_video(path: str | Path | Sequence[str | Path], *, rate_hz: float | None
     Returns
     -------
     Video
-        Iterates over `Frame`: ``t_s`` [s], ``image`` (h, w) uint8, C-contiguous, and ``photo``. Decoded one by one.
-        What cannot be decoded is left out, and ``problem`` then says so: a truncated video gives its good frames.
+        Iterates over `Frame`: ``t_s`` [s], ``image`` (h, w) uint8, C-contiguous, ``photo`` and ``number``. Decoded one
+        by one. What cannot be decoded is left out, and ``problem`` then says so: a truncated video gives its good
+        frames. ``number`` goes on counting over what is left out.
 
     Raises
     ------
@@ -346,10 +357,13 @@ def read_video(path: str | Path | Sequence[str | Path], *, rate_hz: float | None
             pictures = [where] if where.suffix.lower() in _PICTURES else []
     if pictures:
         first = _size(pictures)
-        times = _when(pictures, rate_hz)
+        times, first_s = _when(pictures, rate_hz)
         steps = np.diff(times)
         rate = rate_hz or (float(1.0 / np.median(steps)) if steps.size else _PHOTO_RATE_HZ)
-        return Video(where, first[1], first[0], rate, len(pictures), _pictures=tuple(pictures), _times_s=tuple(times))
+        count, (height, width) = len(pictures), first
+        return Video(
+            where, width, height, rate, count, first_s=first_s, _pictures=tuple(pictures), _times_s=tuple(times)
+        )
     av = require("av", "vision", "reading a video")
     if not where.exists():
         raise VideoError(f"{where}: no such file")

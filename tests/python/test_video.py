@@ -80,6 +80,21 @@ def test_a_video_damaged_inside_goes_on(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read[-1], moving(40, height=96, width=128)[-1])
 
 
+def test_frames_that_cannot_be_decoded_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    io.write_video(path, moving(20))
+    content = bytearray(path.read_bytes())
+    av = pytest.importorskip("av")
+    with av.open(str(path)) as container:
+        places = [(p.pos, p.size) for p in container.demux(video=0) if p.size]
+    start, size = places[7]
+    content[start : start + size] = b"\xff" * size
+    path.write_bytes(bytes(content))
+    frames = list(io.read_video(path))
+    assert len(frames) == 19
+    assert [frame.number for frame in frames] == [k for k in range(20) if k != 7]
+
+
 @pytest.mark.parametrize("content", [b"", b"not a video" * 50, b"RIFF\x00\x10\x00\x00AVI LIST" + bytes(200)])
 def test_what_is_no_video_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.avi"
@@ -122,7 +137,7 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
     assert [frame.t_s for frame in read] == pytest.approx([0.1 * k for k in range(12)])
     (tmp_path / "frame_3.png").write_bytes(b"broken")
     video = io.read_video(tmp_path)
-    assert len(list(video)) == 11
+    assert [frame.number for frame in video] == [0, 1, 2, *range(4, 12)]  # what is broken counts as well
     assert "frame_3.png: cannot be decoded: not a picture" in video.problem
     (tmp_path / "frame_0.png").write_bytes(b"broken")
     video = io.read_video(tmp_path)
@@ -138,6 +153,8 @@ def test_names_that_are_times(tmp_path: Path) -> None:
     video = io.read_video(tmp_path)
     assert [frame.t_s for frame in video] == pytest.approx([0.0, 0.5, 1.0])
     assert video.rate_hz == pytest.approx(2.0)
+    assert video.first_s == 100.25
+    assert io.read_video(tmp_path, rate_hz=2.0).first_s is None  # the names do not count
 
 
 def test_deep_pictures_are_no_frames(tmp_path: Path) -> None:
@@ -244,6 +261,9 @@ def test_depth_by_time(tmp_path: Path) -> None:
         np.save(tmp_path / f"{time:.3f}.npy", np.zeros((4, 3), np.float32))
     frames = io.read_depth(tmp_path)
     assert [frames.index_of(0, t, within_s=0.03) for t in (0.0, 0.09, 0.2, 0.41)] == [0, 1, None, 2]
+    assert frames.first_s == 5.0
+    on_clock = [frames.index_of(0, t, within_s=0.03, first_s=4.8) for t in (0.0, 0.2, 0.3, 0.6)]
+    assert on_clock == [None, 0, 1, 2]
 
 
 def test_depth_refusals(tmp_path: Path) -> None:
