@@ -20,6 +20,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("av")
 pytest.importorskip("PIL")
 
+from soopnav_cpp.cli import egomotion
 from soopnav_cpp.cli.app import cli
 
 CAMERA = """\
@@ -218,6 +219,145 @@ def test_a_floor_that_shows_nothing(rendered: Path, tmp_path: Path) -> None:
     result = run("egomotion", tmp_path / "dark.mkv", "--camera", rendered / "cam.toml", "--height", 1.0, "--out",
                  tmp_path / "out", code=2)  # fmt: skip
     assert "0 of 4 increments measured" in result.output
+
+
+def pictures(rendered: Path, folder: Path, names: list[str]) -> Path:
+    """Its first frames as pictures of these names."""
+    pillow = pytest.importorskip("PIL.Image")
+    folder.mkdir()
+    for name, frame in zip(names, io.read_video(rendered / "walk.mkv"), strict=False):
+        pillow.fromarray(frame.image).save(folder / name)
+    return folder
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Which depth files were read."""
+    read, numbers = io.DepthFolder.points, []
+
+    def points(self: io.DepthFolder, i: int) -> Any:
+        numbers.append(i)
+        return read(self, i)
+
+    monkeypatch.setattr(io.DepthFolder, "points", points)
+    return numbers
+
+
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+def test_pictures_of_another_size_are_left_out(rendered: Path, tmp_path: Path) -> None:
+    shots = pictures(rendered, tmp_path / "shots", [f"{k}.png" for k in range(8)])
+    for k in (1, 2):
+        pytest.importorskip("PIL.Image").fromarray(np.zeros((60, 80), np.uint8)).save(shots / f"{k}.png")
+    text = run("egomotion", shots, "--rate", 20, "--camera", rendered / "cam.toml", "--plane", "0.5,5,-3", "--out",
+               tmp_path / "out").output  # fmt: skip
+    assert "frame 1: 80×60, left out" in text
+    assert "5 of 5 increments measured" in text
+    # Frame 7 is the sixth that was used: it is shown under its own number, with its own increment.
+    assert [path.stem for path in sorted((tmp_path / "out").glob("frame_*.png"))] == [
+        "frame_00003", "frame_00005", "frame_00007"
+    ]  # fmt: skip
+
+
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+def test_depth_belongs_to_the_frames_own_number(rendered: Path, tmp_path: Path, asked: list[int]) -> None:
+    follow(rendered, tmp_path / "out", "--depth", rendered / "depth", "--every", 3, "--frames", 4)
+    assert asked == [0, 3, 6, 9]
+    asked.clear()
+    shots = pictures(rendered, tmp_path / "shots", [f"{k}.png" for k in range(8)])
+    (shots / "2.png").write_bytes(b"broken")
+    run("egomotion", shots, "--rate", 20, "--camera", rendered / "cam.toml", "--depth", rendered / "depth", "--out",
+        tmp_path / "out")  # fmt: skip
+    assert asked == [0, 1, 3, 4, 5, 6, 7]
+
+
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+def test_names_that_are_times_are_of_one_clock(rendered: Path, tmp_path: Path, asked: list[int]) -> None:
+    shots = pictures(rendered, tmp_path / "shots", [f"{1305031100 + 0.05 * k:.6f}.png" for k in range(8)])
+    for name, start in (("late", 1305031100.2), ("other", 7.0)):
+        (tmp_path / name).mkdir()
+        for k in range(4):  # depth begins at the fifth picture
+            content = (rendered / "depth" / f"{k + 4}.npy").read_bytes()
+            (tmp_path / name / f"{start + 0.05 * k:.6f}.npy").write_bytes(content)
+    command = ("egomotion", shots, "--camera", rendered / "cam.toml", "--out", tmp_path / "out", "--depth")
+    text = run(*command, tmp_path / "late").output
+    assert asked == [0, 1, 2, 3]
+    assert "4 frames without a depth frame" in text
+    tracks = tmp_path / "tracks.mp4"
+    text = run(*command, tmp_path / "other", "--tracks", tracks, code=2).output
+    assert "depth from 7.000000 s on, but the pictures begin at 1305031100.000000 s" in text
+    assert not tracks.exists()  # a begun one is not left behind
+
+
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+def test_drawn_frames_are_not_kept(rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    draw, drawn, ahead = plotting.draw_tracks, [0], []
+
+    def counted(*more: Any, **options: Any) -> Any:
+        drawn[0] += 1
+        return draw(*more, **options)
+
+    def write(_path: Path, frames: Any, **_: Any) -> int:
+        written = 0
+        for _image in frames:
+            written += 1
+            ahead.append(drawn[0] - written)
+        return written
+
+    monkeypatch.setattr(plotting, "draw_tracks", counted)
+    monkeypatch.setattr(io, "write_video", write)
+    follow(rendered, tmp_path / "out", "--height", 0.5, "--frames", 6, "--tracks", tmp_path / "t.mp4")
+    assert ahead == [0] * 6
+
+
+# ---- stamps
+
+
+@pytest.mark.parametrize(
+    ("stamps", "used", "anew"),
+    [
+        ([0.0, 0.05, 0.10, 1e6, 0.20, 0.25], [0, 1, 2, 4, 5], []),  # one ahead of all
+        ([0.0, 0.05, -1e6, 0.15, 0.15, 0.20], [0, 1, 3, 5], []),  # one behind, one twice
+        ([0.0, 0.05, math.nan, math.inf, 0.20], [0, 1, 4], []),
+        ([math.nan, 0.05, 0.10], [1, 2], []),
+        ([0.0, 0.05, 60.0, 60.05, 60.1, 60.15], [0, 1, 4, 5], []),  # a pause: believed when the next ones follow
+        ([1e6, 0.05, 0.10, 0.15, 0.20], [0, 3, 4], [3]),  # the first was the wrong one
+        ([0.0, 0.05, 1e6, 2e6, 3e6, 0.30], [0, 1, 5], []),
+        ([5.0, 5.05, 1.0, 1.05, 1.1, 5.1], [0, 1, 5], []),  # back in time for good is never taken
+    ],
+)
+def test_stamps_that_can_be_used(stamps: list[float], used: list[int], anew: list[int]) -> None:
+    clock = egomotion._Clock(20.0)
+    taken, forgotten = [], []
+    for k, t_s in enumerate(stamps):
+        if clock.take(t_s):
+            taken.append(k)
+            forgotten += [k] if clock.anew else []
+    assert (taken, forgotten) == (used, anew)
+    assert clock.left_out == len(stamps) - len(used) + len(anew)
+
+
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(("wild", "measured"), [(3, "6 of 6"), (0, "4 of 4")])
+def test_one_wild_stamp_is_left_out(
+    rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wild: int, measured: str
+) -> None:
+    decode = io.Video._decode
+
+    def stamped(self: io.Video) -> Any:
+        for frame in decode(self):
+            yield frame._replace(t_s=1e6) if frame.number == wild else frame
+
+    monkeypatch.setattr(io.Video, "_decode", stamped)
+    plane = f"{HEIGHT_M},{TILT_DEG[0]},{TILT_DEG[1]}"
+    text = follow(rendered, tmp_path, "--plane", plane, "--truth", rendered / "truth.csv", "--frames", 8).output
+    assert f"{measured} increments measured" in text
+    assert "whose time does not follow that of the frame before: left out" in text
+    assert json.loads((tmp_path / "metrics.json").read_text())["position_rms_m"] < 5e-3
 
 
 def test_refusals(rendered: Path, tmp_path: Path) -> None:

@@ -34,6 +34,9 @@ _MOST_ROWS = 8
 _FEW = 100  # frames of a video that does not say how many it has
 _TRACK_WIDTH = 640  # of the video of tracks: larger frames are drawn smaller
 _GIF_WIDTH = 320  # which has no compression worth the name
+_LEAP_S = 10.0  # between frames, beyond which a time stamp is doubted; of slow series as many
+_LEAP_FRAMES = 50  # frames
+_BELIEVED = 3  # doubted stamps in a row that rise among themselves
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,11 @@ class Ground:
 
 
 class Picture(NamedTuple):
-    """A frame with its tracks, kept for the report."""
+    """A frame with its tracks and its motion, kept for the report."""
 
-    number: int
+    number: int  # the video's own
     t_s: float
+    motion: Any
     image: npt.NDArray[np.uint8]
     tracks: plotting.FrameTracks
 
@@ -170,27 +174,31 @@ def _compare(result: Result) -> None:
 class _Depth:
     """Plane of each frame: of its depth, or one that is held."""
 
-    def __init__(self, ground: Ground, file: vision.CameraFile, rate_hz: float) -> None:
+    def __init__(self, ground: Ground, file: vision.CameraFile, rate_hz: float, first_s: float | None) -> None:
         self._folder = None
+        self._first_s = first_s
         self._within_s = 0.6 / rate_hz
         self._missing = 0
+        self._found = False
         self.warnings: list[str] = []
         if ground.depth is not None:
             self._folder = io.read_depth(ground.depth, camera=None if file.depth is None else file.depth.camera)
+            self._path = ground.depth
         else:
             assert ground.height_m is not None  # the command saw to it
             self._plane = GroundPlane.from_tilt(
                 math.radians(ground.tilt_x_deg), math.radians(ground.tilt_y_deg), ground.height_m
             )
 
-    def of(self, k: int, t_s: float) -> dict[str, Any]:
-        """What `EgoMotion.step` is to be told about the ground."""
+    def of(self, number: int, t_s: float) -> dict[str, Any]:
+        """What `EgoMotion.step` is to be told about the ground at a frame of that number and time."""
         if self._folder is None:
             return {"plane": self._plane}
-        i = self._folder.index_of(k, t_s, within_s=self._within_s)
+        i = self._folder.index_of(number, t_s, within_s=self._within_s, first_s=self._first_s)
         if i is None:
             self._missing += 1
             return {"points": np.empty((0, 3), np.float32)}
+        self._found = True
         try:
             return {"points": self._folder.points(i)}
         except io.VideoError as error:
@@ -199,9 +207,55 @@ class _Depth:
             return {"points": np.empty((0, 3), np.float32)}
 
     def close(self) -> None:
-        """Say what was missing."""
+        """Say what was missing.
+
+        Raises
+        ------
+        ValueError
+            Where times are of two clocks: no frame had any depth.
+        """
+        folder = self._folder
+        if folder is not None and not self._found and folder.first_s is not None and self._first_s is not None:
+            raise ValueError(
+                f"{self._path}: depth from {folder.first_s:.6f} s on, but the pictures begin at {self._first_s:.6f} s; "
+                "names that are times of the same clock expected"
+            )
         if self._missing:
             self.warnings.append(f"{self._missing} frames without a depth frame")
+
+
+class _Clock:
+    """Which time stamps can be used: those that rise, without a leap that the next ones do not follow."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._leap_s = max(_LEAP_S, _LEAP_FRAMES / rate_hz)
+        self._used = 0
+        self._last_s = math.nan
+        self._doubted_s = math.nan
+        self._in_a_row = 0
+        self.left_out = 0
+
+    def _follows(self, t_s: float, last_s: float) -> bool:
+        return last_s < t_s <= last_s + self._leap_s
+
+    def take(self, t_s: float) -> bool:
+        """Whether to use the frame; `anew` tells whether everything before it is to be forgotten."""
+        self.anew = False
+        if self._used and not self._follows(t_s, self._last_s):
+            self._in_a_row = self._in_a_row + 1 if self._follows(t_s, self._doubted_s) else 1
+            self._doubted_s = t_s
+            self.anew = t_s < self._last_s and self._used == 1  # it was the first stamp that was wrong
+            if self._in_a_row < _BELIEVED or not (t_s > self._last_s or self.anew):
+                self.left_out += 1
+                self.anew = False
+                return False
+        elif not math.isfinite(t_s):
+            self.left_out += 1
+            return False
+        self._used = 1 if self.anew else self._used + 1
+        self.left_out += self.anew
+        self._last_s, self._doubted_s, self._in_a_row = t_s, math.nan, 0
+        return True
 
 
 def _spread(count: int) -> set[int]:
@@ -211,8 +265,8 @@ def _spread(count: int) -> set[int]:
 
 def _frames(video: io.Video, every: int, most: int | None) -> Iterator[io.Frame]:
     taken = 0
-    for number, frame in enumerate(video):
-        if number % every:
+    for frame in video:
+        if frame.number % every:
             continue
         if most is not None and taken >= most:
             return
@@ -252,44 +306,64 @@ def follow(
             f"{camera_path}: a camera of {camera.width}×{camera.height}, but {path} has frames of "
             f"{video.width}×{video.height}"
         )
-    depth = _Depth(ground, file, video.rate_hz / every)
+    depth = _Depth(ground, file, video.rate_hz / every, video.first_s)
     ego = vision.EgoMotion(
         camera,
         depth_offset_m=(0.0, 0.0, 0.0) if file.depth is None else file.depth.offset_m,
         seed=seed,
         tracker=None if features is None else {"tracks": features},
     )
-    walk, motions, pictures = Walk(), [], []
+    walk = Walk()
+    motions: list[Any] = []
+    pictures: list[Picture] = []
     warnings: list[str] = []
     total = math.ceil(video.frames / every) or None
     keep = _spread(min(total or _FEW, most or _FEW * every))
-    drawn: list[npt.NDArray[np.uint8]] = []
     width = _GIF_WIDTH if tracks_path is not None and tracks_path.suffix.lower() == ".gif" else _TRACK_WIDTH
-    backward = 0
-    for k, frame in enumerate(_frames(video, every, most)):
-        if k % 10 == 0:
-            step(f"following {path.name}", done=k, total=total if most is None else min(total or most, most))
-        t_s = frame.t_s + start_s
-        if walk and t_s <= walk.last_s:
-            backward += 1
-            continue
-        if frame.image.shape != (camera.height, camera.width):
-            warnings.append(f"frame {k}: {frame.image.shape[1]}×{frame.image.shape[0]}, left out")
-            continue
-        motion = ego.step(frame.image, t_s=t_s, **depth.of(k, t_s - start_s))
-        motions.append(motion)
-        walk.add(motion, t_s)
-        if k in keep or tracks_path is not None:
-            tracks = plotting.FrameTracks.of(ego)
-            if k in keep:
-                pictures.append(Picture(k, t_s, frame.image.copy(), tracks))
-            if tracks_path is not None:
-                drawn.append(plotting.draw_tracks(frame.image, tracks, label=_label(t_s, motion), width=width))
-    if not motions:
-        raise ValueError(f"{path}: no frame in it that can be used")
-    depth.close()
-    if backward:
-        warnings.append(f"{backward} frames whose time does not come after that of the frame before: left out")
+    clock = _Clock(video.rate_hz / every)
+
+    def drawn() -> Iterator[npt.NDArray[np.uint8]]:
+        """Follow frame by frame, and give each with its tracks where a video of them is wanted."""
+        nonlocal walk
+        for k, frame in enumerate(_frames(video, every, most)):
+            if k % 10 == 0:
+                step(f"following {path.name}", done=k, total=total if most is None else min(total or most, most))
+            if frame.image.shape != (camera.height, camera.width):
+                warnings.append(f"frame {frame.number}: {frame.image.shape[1]}×{frame.image.shape[0]}, left out")
+                continue
+            t_s = frame.t_s + start_s
+            if not clock.take(t_s):
+                continue
+            if clock.anew:
+                ego.reset()
+                walk = Walk()
+                motions.clear()
+                pictures.clear()
+            motion = ego.step(frame.image, t_s=t_s, **depth.of(frame.number, frame.t_s))
+            motions.append(motion)
+            walk.add(motion, t_s)
+            if k in keep or tracks_path is not None:
+                tracks = plotting.FrameTracks.of(ego)
+                if k in keep:
+                    pictures.append(Picture(frame.number, t_s, motion, frame.image.copy(), tracks))
+                if tracks_path is not None:
+                    yield plotting.draw_tracks(frame.image, tracks, label=_label(t_s, motion), width=width)
+        if not motions:
+            raise ValueError(f"{path}: no frame in it that can be used")
+        depth.close()
+
+    if tracks_path is None:
+        for _ in drawn():
+            pass
+    else:
+        tracks_path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            io.write_video(tracks_path, drawn(), rate_hz=max(1.0, video.rate_hz / every))
+        except ValueError:
+            tracks_path.unlink(missing_ok=True)  # what is begun is no video
+            raise
+    if clock.left_out:
+        warnings.append(f"{clock.left_out} frames whose time does not follow that of the frame before: left out")
     if video.problem:
         warnings.append(video.problem)
     result = Result(video, camera, ground, motions, walk, pictures=pictures, warnings=[*warnings, *depth.warnings])
@@ -299,10 +373,6 @@ def follow(
         known = np.flatnonzero(np.isfinite(result.truth).all(axis=1))
         walk.begin(known[0], result.truth[known[0]])
         _compare(result)
-    if tracks_path is not None:
-        step(f"writing {tracks_path.name}")
-        tracks_path.parent.mkdir(parents=True, exist_ok=True)
-        io.write_video(tracks_path, drawn, rate_hz=max(1.0, video.rate_hz / every))
     return result
 
 
@@ -482,9 +552,7 @@ def write_report(result: Result, folder: Path) -> Path:
     pictures.append(("Increments over time, and how many tracks agree", folder / "increments.png"))
     for one in result.pictures:
         path = folder / f"frame_{one.number:05d}.png"
-        plotting.save_picture(
-            plotting.draw_tracks(one.image, one.tracks, label=_label(one.t_s, result.motions[one.number])), path
-        )
+        plotting.save_picture(plotting.draw_tracks(one.image, one.tracks, label=_label(one.t_s, one.motion)), path)
         pictures.append((f"Frame {one.number} at {one.t_s:.2f} s: tracks that agree are green, others red", path))
     report = folder / "report.html"
     content = page(
