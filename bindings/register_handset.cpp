@@ -146,6 +146,8 @@ HandsetOptions options_of(const Table<"nodes_m">& nodes, HandsetFilter filter, H
   read("excess_min_m", o.excess_min_m);
   read("excess_max_m", o.excess_max_m);
   read("excess_walk_m2ps", o.excess_walk_m2ps);
+  read("multipath_sigma_m", o.multipath_sigma_m);
+  read("multipath_length_m", o.multipath_length_m);
   read("outlier_probability", o.outlier_probability);
   read("outlier_span_m", o.outlier_span_m);
   read("recover_after", o.recover_after);

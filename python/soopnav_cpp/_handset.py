@@ -164,8 +164,10 @@ class HandsetLocator:
         clock: ``clock_start_m`` (0), ``clock_sigma_m`` (1000), ``clock_walk_m2ps`` (0.04),
         ``clock_frequency_walk_m2ps3`` (0), ``clock_drift_sigma_mps`` (0); nodes: ``node_offset_sigma_m`` (0),
         ``node_offset_walk_m2ps`` (0); links: ``nlos`` (True), ``mean_los_s`` (10), ``mean_nlos_s`` (5),
-        ``excess_min_m`` (4), ``excess_max_m`` (20), ``excess_walk_m2ps`` (0.025), ``outlier_probability`` (1e-3),
-        ``outlier_span_m`` (200), ``recover_after`` (10 epochs); motion: ``acceleration_psd_m2ps3`` (0.5),
+        ``excess_min_m`` (4), ``excess_max_m`` (20), ``excess_walk_m2ps`` (0.025), ``multipath_sigma_m`` (0; above
+        zero: an error of each range that changes as the handset walks), ``multipath_length_m`` (1; walked until its
+        correlation is 1/e), ``outlier_probability`` (1e-3), ``outlier_span_m`` (200), ``recover_after`` (10 epochs);
+        motion: ``acceleration_psd_m2ps3`` (0.5),
         ``start_speed_sigma_mps`` (1), ``turn_psd_rad2ps`` (0.5), ``coast_psd_m2ps`` (0.5), ``coast_turn_psd_rad2ps``
         (0.1), ``coast_after_s`` (0.25), ``max_disagreement_s`` (2).
 

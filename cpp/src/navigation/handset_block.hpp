@@ -313,6 +313,21 @@ struct AgeWork {
   }
 };
 
+/// What multipath does to the ranges becomes something else as the handset walks (eq. 8).
+struct FadeWork {
+  double kept, renewed;
+
+  SOOPNAV_INLINE void operator()(const Block& block, std::size_t) const noexcept {
+    for (int m = block.at.multipath; m < block.at.multipath + block.at.links; ++m) {
+      block.set_mean(m, block.mean(m) * Lanes(kept));
+      for (int j = 0; j < block.active; ++j) {
+        if (j != m) block.set_cov(m, j, block.cov(m, j) * Lanes(kept));
+      }
+      block.set_cov(m, m, block.cov(m, m) * Lanes(kept * kept) + Lanes(renewed));
+    }
+  }
+};
+
 /// What both kinds of observation share.
 struct LinkWork {
   const double* links;
@@ -401,6 +416,10 @@ struct RangeWork : LinkWork {
     if (at.offset >= 0) {
       predicted += block.mean(at.offset + l);
       h.add(at.offset + l, Lanes(1.0));
+    }
+    if (at.multipath >= 0) {
+      predicted += block.mean(at.multipath + l);
+      h.add(at.multipath + l, Lanes(1.0));
     }
     Lanes ph[HandsetCloud::kMaxSize];
     const Lanes s0 = h.spread(block, ph) + Lanes(sigma[l] * sigma[l]);

@@ -31,6 +31,7 @@ HandsetLayout::HandsetLayout(const HandsetOptions& options) : links(static_cast<
   if (options.clock_drift_sigma_mps > 0.0 || options.clock_noise.frequency_walk_m2ps3 > 0.0) drift = take(clocks);
   if (options.nlos) excess = take(links);
   if (options.node_offset_sigma_m > 0.0) offset = take(links);
+  if (options.multipath_sigma_m > 0.0) multipath = take(links);
   node.fill(-1);
   for (std::size_t l = 0; l < options.node_sigma_m.size(); ++l) {
     if (options.node_sigma_m[l] > 0.0) node[l] = take(2);
@@ -107,6 +108,7 @@ void HandsetCloud::start(std::uint64_t seed) noexcept {
         put(first_boolean_ + l, random_.uniform() < blocked ? 1.0 : 0.0);
       }
       if (at_.offset >= 0) variance(at_.offset + l, o_.node_offset_sigma_m);
+      if (at_.multipath >= 0) variance(at_.multipath + l, o_.multipath_sigma_m);
       const auto k = static_cast<std::size_t>(l);
       if (at_.node[k] >= 0) {
         for (int axis = 0; axis < 2; ++axis) {
@@ -205,7 +207,11 @@ void HandsetCloud::enter_foot(const Eigen::Matrix2d& covariance) noexcept {
   each(*this, EnterFootWork{covariance});
 }
 
-void HandsetCloud::age_links(double dt_s) noexcept {
+void HandsetCloud::age_links(double dt_s, double walked_m) noexcept {
+  if (at_.multipath >= 0 && walked_m > 0.0) {
+    const double kept = std::exp(-walked_m / o_.multipath_length_m);
+    each(*this, FadeWork{kept, o_.multipath_sigma_m * o_.multipath_sigma_m * (1.0 - kept * kept)});
+  }
   if (!(dt_s > 0.0)) return;
   each(*this, AgeWork{dt_s, o_.clock_noise.white_frequency_m2ps, o_.clock_noise.frequency_walk_m2ps3,
                       o_.excess_walk_m2ps * dt_s, o_.node_offset_walk_m2ps * dt_s});

@@ -19,6 +19,7 @@ struct HandsetLayout {
   int clock = -1, drift = -1;                         ///< of the first (only) clock
   int excess = -1;                                    ///< of the first link
   int offset = -1;
+  int multipath = -1;  ///< of the first link
   int clocks = 1;
   int foot = -1;  ///< two numbers
   std::array<int, kMaxHandsetNodes> node{};
@@ -34,7 +35,7 @@ struct HandsetLayout {
 class HandsetCloud {
  public:
   static constexpr int kLanes = 8;
-  static constexpr int kMaxSize = 3 + 5 + 2 * kMaxHandsetNodes + 4 * kMaxHandsetNodes + 2;
+  static constexpr int kMaxSize = 3 + 5 + 2 * kMaxHandsetNodes + 5 * kMaxHandsetNodes + 2;
 
   explicit HandsetCloud(const HandsetOptions& options);
 
@@ -53,8 +54,8 @@ class HandsetCloud {
   void leave_foot() noexcept;
   /// Handset -> foot point of a frame whose plane has this noise.
   void enter_foot(const Eigen::Matrix2d& covariance) noexcept;
-  /// Clocks, offsets and excess delays after `dt_s`.
-  void age_links(double dt_s) noexcept;
+  /// Clocks, offsets and excess delays after `dt_s`, and the ranges' errors by multipath after `walked_m`.
+  void age_links(double dt_s, double walked_m) noexcept;
 
   /// `silent_s`: since each link's last range. `ahead_b_m`: from the pose to the handset at this epoch, in the body's
   /// axes. Share of outliers returned.

@@ -145,6 +145,8 @@ void HandsetOptions::check() const {
   require(excess_max_m > excess_min_m && std::isfinite(excess_max_m), "excess_max_m", excess_max_m,
           "above excess_min_m expected");
   not_negative("excess_walk_m2ps", excess_walk_m2ps);
+  not_negative("multipath_sigma_m", multipath_sigma_m);
+  positive("multipath_length_m", multipath_length_m);
   require(outlier_probability >= 0.0 && outlier_probability < 0.5, "outlier_probability", outlier_probability,
           "in [0, 0.5) expected");
   positive("outlier_span_m", outlier_span_m);
@@ -173,6 +175,7 @@ struct HandsetLocator::Impl {
   Eigen::Vector2d step_b_mps = Eigen::Vector2d::Zero();
   double turn_radps = 0.0;
   int bad_epochs = 0;
+  double walked_m = 0.0;                            // since the last radio epoch
   std::array<double, kMaxHandsetNodes> heard_at{};  // each link's last range: its Boolean's chain runs from there
   std::array<double, kMaxHandsetNodes> silent_s{};
 
@@ -187,6 +190,7 @@ struct HandsetLocator::Impl {
     step_b_mps.setZero();
     turn_radps = 0.0;
     bad_epochs = 0;
+    walked_m = 0.0;
     heard_at.fill(HandsetEstimate::kNan);
   }
 
@@ -201,7 +205,10 @@ struct HandsetLocator::Impl {
     if (!(dt > 0.0)) return;
     if (type2()) {
       cloud.advance(dt);
+      // Up to `coast_after_s` after a frame the next step is still to come, and says how far this was.
+      if (!(t - frame <= options.coast_after_s)) walked_m += options.start_speed_sigma_mps * dt;
     } else {
+      walked_m += options.start_speed_sigma_mps * dt;
       cloud.leave_foot();
       cloud.diffuse(options.coast_psd_m2ps * dt, options.coast_turn_psd_rad2ps * dt);
     }
@@ -233,6 +240,7 @@ struct HandsetLocator::Impl {
     if (report.use != HandsetUse::kUsed) return report;
     if (std::isfinite(frame) && !chained) return coast(t);  // it starts before what the state has gone through
     resample_if_few();
+    walked_m += m.increment.head<2>().norm();
     if (!cloud.feet()) cloud.enter_foot(m.foot_covariance_previous);
     if (type2()) {
       if (std::isfinite(now)) {
@@ -265,6 +273,7 @@ struct HandsetLocator::Impl {
     if (report.use != HandsetUse::kUsed) return report;
     report.use = HandsetUse::kCoasted;
     if (std::isfinite(now)) {
+      if (type2() && t - frame <= options.coast_after_s) walked_m += options.start_speed_sigma_mps * (t - frame);
       drift_to(t);
     } else {
       now = t;
@@ -338,7 +347,8 @@ struct HandsetLocator::Impl {
     for (std::size_t l = 0; l < z.size(); ++l) {
       report.heard += std::isfinite(z[l]) && sigma[l] > 0.0 && std::isfinite(sigma[l]) ? 1 : 0;
     }
-    cloud.age_links(std::isfinite(epoch) ? t - epoch : 0.0);
+    cloud.age_links(std::isfinite(epoch) ? t - epoch : 0.0, walked_m);
+    walked_m = 0.0;
     if (report.heard == 0) {
       epoch = t;
       report.use = HandsetUse::kNothingHeard;

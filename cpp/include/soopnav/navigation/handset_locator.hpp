@@ -92,18 +92,22 @@ struct HandsetOptions {
   double node_offset_sigma_m = 0.0;          ///< > 0: each node's time is off by so much, on top of the common clock
   double node_offset_walk_m2ps = 0.0;        ///< and wanders
 
-  bool nlos = true;                   ///< a Boolean per link: with or without excess delay
-  double mean_los_s = 10.0;           ///< mean time a link stays without it, > 0
-  double mean_nlos_s = 5.0;           ///< and with it, > 0
-  double excess_min_m = 4.0;          ///< >= 0
-  double excess_max_m = 20.0;         ///< > excess_min_m; entered as the normal of a uniform's moments
-  double excess_walk_m2ps = 0.025;    ///< 0.05 m per sample at 10 Hz
+  bool nlos = true;                 ///< a Boolean per link: with or without excess delay
+  double mean_los_s = 10.0;         ///< mean time a link stays without it, > 0
+  double mean_nlos_s = 5.0;         ///< and with it, > 0
+  double excess_min_m = 4.0;        ///< >= 0
+  double excess_max_m = 20.0;       ///< > excess_min_m; entered as the normal of a uniform's moments
+  double excess_walk_m2ps = 0.025;  ///< 0.05 m per sample at 10 Hz
+  /// > 0: each link's range is off by something that changes as the handset walks, of this deviation, with line of
+  /// sight and without: paths too near to the first to be told apart (doc/handset.md eq. 8). One more number per link.
+  double multipath_sigma_m = 0.0;
+  double multipath_length_m = 1.0;    ///< walked until its correlation is 1/e, > 0
   double outlier_probability = 1e-3;  ///< of a range or bearing from anywhere, in [0, 0.5)
   double outlier_span_m = 200.0;      ///< over which such ranges spread, > 0
   int recover_after = 10;             ///< epochs with most links outliers until the cloud is spread out again, >= 1
 
   double acceleration_psd_m2ps3 = 0.5;  ///< of type 2's velocity
-  double start_speed_sigma_mps = 1.0;   ///< of each component of it
+  double start_speed_sigma_mps = 1.0;   ///< of each component of it; both types: how fast one walks without a camera
   double turn_psd_rad2ps = 0.5;         ///< of type 2's heading between frames
   double coast_psd_m2ps = 0.5;          ///< of the position while the camera is missing (type 1)
   double coast_turn_psd_rad2ps = 0.1;   ///< of the heading
@@ -170,7 +174,7 @@ struct HandsetEstimate {
 ///
 /// Model: range z_l = |p - q_l| + b (+ o_l) + s_l e_l + n, s_l a Boolean that switches as a Markov chain, e_l its
 /// excess delay; camera f_k = f_(k-1) + R(a) (d + n), a_k = a_(k-1) + d_a + n, where f = p + R(a) eps is the foot point
-/// that the fitted plane leads to: eps is of one frame and does not accumulate (doc/handset.md eq. 1 to 9). Each
+/// that the fitted plane leads to: eps is of one frame and does not accumulate (doc/handset.md eq. 1 to 8). Each
 /// particle samples the Booleans, from their distribution given the present range, and carries one joint Gaussian of
 /// all else (Rao-Blackwellised): pose, clock, excess delays, offsets, unknown places.
 ///
