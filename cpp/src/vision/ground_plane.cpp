@@ -38,8 +38,7 @@ struct PlaneFitter::Rows {
   const float* x;
   std::size_t row;     // floats from one row to the next
   std::size_t points;  // in the first ceil(points / kLanes) packets
-  double band_sigmas;
-  double band_m;  // 0: by sigmas
+  const PlaneOptions* options;
   [[nodiscard]] const float* y() const noexcept { return x + row; }
   [[nodiscard]] const float* z() const noexcept { return x + 2 * row; }
   [[nodiscard]] const float* gain() const noexcept { return x + 3 * row; }
@@ -49,7 +48,7 @@ struct PlaneFitter::Rows {
   [[nodiscard]] int inside(const GroundPlane& plane) const noexcept;
   [[nodiscard]] Moments moments(const GroundPlane& plane, double widened) const noexcept;
   [[nodiscard]] double limit(const GroundPlane& plane, double widened) const noexcept {
-    return widened * (band_m > 0.0 ? band_m : band_sigmas * plane.distance_m);
+    return widened * (options->band_m > 0.0 ? options->band_m : options->band_sigmas * plane.distance_m);
   }
 };
 
@@ -183,7 +182,7 @@ std::size_t PlaneFitter::load(std::span<const float> xyz) {
 }
 
 PlaneFitter::Rows PlaneFitter::draw_subset(std::size_t points) {
-  const Rows all{cloud_.data(), row_, points, options_.band_sigmas, options_.band_m};
+  const Rows all{cloud_.data(), row_, points, &options_};
   const std::size_t take = std::min(points, kSubset);
   float* const out = subset_.data();
   for (std::size_t i = 0; i < kSubset; ++i) {
@@ -199,14 +198,14 @@ PlaneFitter::Rows PlaneFitter::draw_subset(std::size_t points) {
     out[2 * kSubset + i] = real ? all.z()[from] : 0.0F;
     out[3 * kSubset + i] = real ? all.gain()[from] : kNoPoint;
   }
-  return {out, kSubset, take, options_.band_sigmas, options_.band_m};
+  return {out, kSubset, take, &options_};
 }
 
 int PlaneFitter::Rows::inside(const GroundPlane& plane) const noexcept {
   // |e| z / sigma(z) <= band d (eq. 3): the noise lies along the ray. Or |e| <= band; g - g + 1 is 1, or NaN for none.
   const Wide nx(plane.normal_c.x()), ny(plane.normal_c.y()), nz(plane.normal_c.z()), d(plane.distance_m);
   const Wide most(limit(plane, 1.0)), one(1.0F), none(0.0F);
-  const bool fixed = band_m > 0.0;
+  const bool fixed = options->band_m > 0.0;
   Wide count(0.0F);
   for (std::size_t i = 0; i < points; i += kLanes) {
     const Wide e = nx * Wide::load(x + i) + ny * Wide::load(y() + i) + nz * Wide::load(z() + i) - d;
@@ -219,11 +218,13 @@ int PlaneFitter::Rows::inside(const GroundPlane& plane) const noexcept {
 PlaneFitter::Moments PlaneFitter::Rows::moments(const GroundPlane& plane, double widened) const noexcept {
   const Wide nx(plane.normal_c.x()), ny(plane.normal_c.y()), nz(plane.normal_c.z());
   const Wide most(std::min(limit(plane, widened), 1e30)), one(1.0F), none(0.0F);
-  const bool fixed = band_m > 0.0;
+  const bool fixed = options->band_m > 0.0;
   // Centred at a point of the plane on the optical axis, so that single precision is enough for the products.
   const double centre = plane.distance_m / std::max(plane.normal_c.z(), 0.1);
   const Wide cz(centre);
   const Wide rest(plane.distance_m - plane.normal_c.z() * centre);
+  const Wide height(plane.distance_m), least(0.5 * plane.distance_m);
+  const Wide a(options->sigma_m), b(options->sigma_per_m);
   double total[12]{};
   for (std::size_t begin = 0; begin < points; begin += 64 * kLanes) {
     Wide s[12];
@@ -231,8 +232,12 @@ PlaneFitter::Moments PlaneFitter::Rows::moments(const GroundPlane& plane, double
     const std::size_t end = std::min(begin + 64 * kLanes, points);
     for (std::size_t i = begin; i < end; i += kLanes) {
       const Wide px = Wide::load(x + i), py = Wide::load(y() + i), pz = Wide::load(z() + i) - cz;
-      const Wide g = Wide::load(gain() + i);
       const Wide e = nx * px + ny * py + nz * pz - rest;
+      // The depth at which the ray meets the plane. By the measured one, points that erred towards the camera would
+      // weigh more and pull the plane up. Nothing nearer than half the way is on the plane.
+      const Wide z = (pz + cz) * height / max(e + height, least);
+      const Wide real = Wide::load(gain() + i);
+      const Wide g = z / (a + b * z * z) + (real - real);
       const auto in = abs(e) * (fixed ? g - g + one : g) <= most;
       const Wide w = select(in, g * g, none);
       const Wide wx = w * px, wy = w * py, wz = w * pz;
@@ -385,7 +390,7 @@ GroundPlane PlaneFitter::fit(std::span<const float> xyz) {
     return none;
   };
   if (plane.points < options_.min_points) return refused(PlaneStatus::kTooFew);
-  const Rows all{cloud_.data(), row_, points, options_.band_sigmas, options_.band_m};
+  const Rows all{cloud_.data(), row_, points, &options_};
   Moments moments;
   if (options_.method == PlaneMethod::kSvd) {
     solve_svd(all, plane);

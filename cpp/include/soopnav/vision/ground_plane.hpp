@@ -86,8 +86,8 @@ struct PlaneOptions {
 ///
 /// kRansac: three-point hypotheses from the object's own random stream are scored on a subset of 512 points, the better
 /// ones refitted there, and the best is refitted to all points inside the band: smallest eigenvector of their weighted
-/// 3 x 3 covariance, weight (z / sigma(z))^2, iterated. Of planes that lean or are too far to be the ground none is
-/// taken while another holds `min_share` (doc/ego_motion.md eq. 3-5).
+/// 3 x 3 covariance, weight (z / sigma(z))^2 at the depth z where the ray meets the plane, iterated. Of planes that
+/// lean or are too far to be the ground none is taken while another holds `min_share` (doc/ego_motion.md eq. 3-5).
 ///
 /// Covariance: from the normal equations of the final refit, scaled by the residuals, times `noise_cluster`. It knows
 /// nothing of errors that a sensor makes alike everywhere (scale, calibration).
