@@ -11,6 +11,18 @@ from soopnav_cpp._core.vision import Camera, GroundPlane
 _Float = npt.NDArray[np.float64]
 
 
+def _rows(values: npt.ArrayLike, name: str, columns: int) -> _Float:
+    """`values` as float64 (n, columns); one alone is a row."""
+    table = np.asarray(values, dtype=np.float64)
+    if table.shape == (columns,):
+        table = table.reshape(1, columns)
+    if table.size == 0 and table.ndim == 1:
+        table = table.reshape(0, columns)
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise ValueError(f"{name}: numbers of shape (n, {columns}) expected, got shape {table.shape}")
+    return table
+
+
 def fit_plane(
     points: npt.ArrayLike,
     *,
@@ -88,12 +100,12 @@ def ground_points(plane: GroundPlane, camera: Camera, pixels: npt.ArrayLike) -> 
     Returns float64 (n, 2) in axes of the body, from the foot below the camera [m]; NaN where a ray does not meet the
     ground in front of the camera.
     """
-    return _vision.ground_points(plane, camera, np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
+    return _vision.ground_points(plane, camera, _rows(pixels, "pixels", 2))
 
 
 def ground_pixels(plane: GroundPlane, camera: Camera, points_b: npt.ArrayLike) -> _Float:
     """Pixels (n, 2) of ground points (n, 2) in axes of the body: inverse of `ground_points`."""
-    return _vision.ground_pixels(plane, camera, np.asarray(points_b, dtype=np.float64).reshape(-1, 2))
+    return _vision.ground_pixels(plane, camera, _rows(points_b, "points_b", 2))
 
 
 def to_present_axes(increment: npt.ArrayLike) -> _Float:
@@ -133,6 +145,6 @@ def nielsen_frames(
         np.asarray(pose, dtype=np.float64),
         np.asarray(tilt_rad, dtype=np.float64),
         height_m,
-        np.asarray(points_a, dtype=np.float64).reshape(-1, 3),
+        _rows(points_a, "points_a", 3),
     )
     return dict(zip(("a", "b", "c", "d", "e", "camera", "back"), np.moveaxis(chain, 1, 0), strict=True))

@@ -197,6 +197,7 @@ def test_frames_without_common_ground_have_no_tracks():
 
 
 def test_refusals_name_what_is_wrong(scene):
+    plane = scene.true_plane(1.0, (0.0, 0.0))
     for call, words in [
         (lambda: GroundScene(texture_size=100), "size"),
         (lambda: GroundScene(texel_m=0.0), "texel_m"),
@@ -219,9 +220,16 @@ def test_refusals_name_what_is_wrong(scene):
         (lambda: fit_plane(np.zeros((5, 3)), method="lsq"), "method"),
         (lambda: fit_plane(np.zeros((5, 3)), min_share=0.0), "min_share"),
         (lambda: sn.vision.GroundPlane.known([0, 0, -1], 1.0), "normal_c"),
+        (lambda: ground_points(plane, SMALL, np.zeros((2, 3))), r"pixels: numbers of shape \(n, 2\)"),
+        (lambda: ground_points(plane, SMALL, np.zeros(4)), "pixels"),
+        (lambda: ground_pixels(plane, SMALL, np.zeros((2, 3))), r"points_b: numbers of shape \(n, 2\)"),
+        (lambda: ground_pixels(plane, SMALL, np.zeros((2, 2, 2))), "points_b"),
+        (lambda: sn.vision.nielsen_frames((0, 0, 0), (0, 0), 1.0, np.zeros((3, 2))), r"points_a.*\(n, 3\)"),
     ]:
         with pytest.raises(ValueError, match=words):
             call()
+    assert ground_points(plane, SMALL, []).shape == (0, 2)
+    assert ground_points(plane, SMALL, [80.0, 60.0]).shape == (1, 2)
     lost = fit_plane(np.full((100, 3), np.nan))
     assert lost.status.name == "TOO_FEW"
     assert "TOO_FEW" in repr(lost.status)
