@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
 __all__ = ["CameraFile", "DepthCamera", "load_camera", "save_camera"]
 
 _LENSES = ("pinhole", "radial_tangential", "fisheye")
+# Keys of [depth] that tell of the sensor and of where the ground may lie, and options of EgoMotion (degrees: radians).
+_PLANE_KEYS = {
+    "plane_sigma_m": "plane_sigma_m",
+    "plane_sigma_per_m": "plane_sigma_per_m",
+    "plane_band_m": "plane_band_m",
+    "plane_noise_cluster": "plane_noise_cluster",
+    "plane_max_tilt_deg": "max_tilt_rad",
+}
 
 
 @dataclass(frozen=True)
@@ -30,10 +39,14 @@ class DepthCamera:
         Its origin in axes of the image's camera, which it shares: nielsen's [D_cam, 0, 0].
     camera : Camera, optional
         What turns a depth image into points; without it depth files must hold points.
+    plane_options : mapping
+        What `EgoMotion` is to be told of its noise and of the ground: `plane_sigma_m`, `plane_sigma_per_m`,
+        `plane_band_m`, `plane_noise_cluster`, `max_tilt_rad`; empty where the defaults serve.
     """
 
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     camera: Camera | None = None
+    plane_options: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def points(self, depth_m: npt.ArrayLike) -> npt.NDArray[np.float32]:
         """Points, shape (n, 3), of a depth image: z [m] per pixel; 0 and NaN are left out.
@@ -137,6 +150,11 @@ def _model_of(pydantic: Any, config: Any) -> Any:
         model=lens["model"],
         **optional,
         distortion=lens["distortion"],
+        plane_sigma_m=(float | None, pydantic.Field(None, gt=0.0)),
+        plane_sigma_per_m=(float | None, pydantic.Field(None, ge=0.0)),
+        plane_band_m=(float | None, pydantic.Field(None, ge=0.0)),
+        plane_noise_cluster=(float | None, pydantic.Field(None, ge=1.0)),
+        plane_max_tilt_deg=(float | None, pydantic.Field(None, gt=0.0, lt=90.0)),
     )
     _cache.append(
         pydantic.create_model(
@@ -157,6 +175,13 @@ def _camera_of(read: Any) -> Camera:
     )
 
 
+def _plane_options(read: Any) -> dict[str, float]:
+    given = {option: getattr(read, key) for key, option in _PLANE_KEYS.items() if getattr(read, key) is not None}
+    if "max_tilt_rad" in given:
+        given["max_tilt_rad"] = float(np.deg2rad(given["max_tilt_rad"]))
+    return given
+
+
 def load_camera(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> CameraFile:
     """Read a calibration file.
 
@@ -175,6 +200,11 @@ def load_camera(path: str | PathLike[str], *, size: tuple[int, int] | None = Non
         [depth]                          # where there is a depth camera
         offset_m = [0.025, 0.0, 0.0]     # its origin seen from this one
         width = 640                      # and, for depth images, its own lens
+        plane_sigma_m = 0.0005           # of its noise, a + b z^2: a,
+        plane_sigma_per_m = 0.0014       # and b [1/m]
+        plane_band_m = 0.01              # points this near to the plane are on it, in place of three sigma; 0: those
+        plane_noise_cluster = 1.0        # neighbouring points that share one error
+        plane_max_tilt_deg = 45.0        # of the ground against the image plane; more is a wall
 
     Parameters
     ----------
@@ -198,7 +228,8 @@ def load_camera(path: str | PathLike[str], *, size: tuple[int, int] | None = Non
             given = [getattr(read.depth, name) is not None for name in ("width", "height", "fx", "fy", "cx", "cy")]
             if any(given) and not all(given):
                 raise ValueError("depth: give all of width, height, fx, fy, cx and cy, or none")
-            depth = DepthCamera(tuple(read.depth.offset_m), _camera_of(read.depth) if all(given) else None)
+            lens = _camera_of(read.depth) if all(given) else None
+            depth = DepthCamera(tuple(read.depth.offset_m), lens, _plane_options(read.depth))
     except ValueError as error:
         raise config.ConfigError(f"{where}: {error}") from error
     if size is not None and size != (camera.width, camera.height):
@@ -219,12 +250,22 @@ def _lines(camera: Camera) -> list[str]:
     ]
 
 
+def _plane_lines(options: Mapping[str, float]) -> list[str]:
+    keys = {option: key for key, option in _PLANE_KEYS.items()}
+    unknown = sorted(set(options) - set(keys))
+    if unknown:
+        raise ValueError(f"plane_options: {unknown[0]}; {', '.join(keys)} are possible")
+    degrees = {name: float(np.rad2deg(x)) if name == "max_tilt_rad" else float(x) for name, x in options.items()}
+    return [f"{key} = {degrees[option]!r}" for option, key in keys.items() if option in degrees]
+
+
 def save_camera(
     path: str | PathLike[str], camera: Camera, *, depth: DepthCamera | None = None, heading_rad: float = 0.0
 ) -> None:
-    """Write a calibration file that `load_camera` reads back to the last digit (the heading to rounding)."""
+    """Write a calibration file that `load_camera` reads back to the last digit (angles to rounding)."""
     lines = [*_lines(camera), f"heading_deg = {float(np.rad2deg(heading_rad))!r}"]
     if depth is not None:
         offset = ", ".join(repr(float(x)) for x in depth.offset_m)
         lines += ["", "[depth]", f"offset_m = [{offset}]", *(_lines(depth.camera) if depth.camera else [])]
+        lines += _plane_lines(depth.plane_options)
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

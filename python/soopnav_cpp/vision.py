@@ -172,7 +172,8 @@ class EgoMotion:
     ----------
     camera : Camera or CameraFile
     depth_offset_m : array_like, shape (3,), optional
-        Origin of the depth camera in axes of `camera`, used with ``points``; by default what the camera's file says.
+        Origin of the depth camera in axes of `camera`, used with ``points``; by default what the camera's file says,
+        which is also asked for options of the plane that are not given.
     features : int, optional
         Corners wanted at a time, 300 by default.
     seed : int
@@ -209,6 +210,8 @@ class EgoMotion:
         if isinstance(camera, CameraFile):
             if depth_offset_m is None and camera.depth is not None:
                 depth_offset_m = camera.depth.offset_m
+            if camera.depth is not None:
+                options = {**camera.depth.plane_options, **options}
             camera = camera.camera
         offset: _Floats = np.asarray((0.0, 0.0, 0.0) if depth_offset_m is None else depth_offset_m, np.float64)
         if offset.shape != (3,) or not np.isfinite(offset).all():

@@ -313,6 +313,32 @@ def test_drawn_frames_are_not_kept(rendered: Path, tmp_path: Path, monkeypatch: 
     assert ahead == [0] * 6
 
 
+@needs_opencv
+@pytest.mark.usefixtures("plain")
+def test_a_sensor_that_looks_ahead(rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tilted = tmp_path / "tilted"
+    tilted.mkdir()
+    c, s = math.cos(0.9), math.sin(0.9)  # with the 5 degrees of the scene beyond 45: a wall by default
+    for k in range(3):
+        points = np.load(rendered / "depth" / f"{k}.npy")
+        np.save(tilted / f"{k}.npy", (points @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])).astype(np.float32))
+    for limit, count in ((45.0, 0), (70.0, 1)):
+        text = CAMERA + f"[depth]\nplane_max_tilt_deg = {limit}\n"
+        (tmp_path / "cam.toml").write_text(text)
+        run("egomotion", rendered / "walk.mkv", "--camera", tmp_path / "cam.toml", "--depth", tilted, "--frames", 3,
+            "--out", tmp_path / "out", code=2 * (count == 0))  # fmt: skip
+    told: dict[str, Any] = {}
+
+    def made(_camera: Any, _tracker: Any, options: dict[str, Any]) -> Any:
+        told.update(options)
+        raise ValueError("that is all")
+
+    monkeypatch.setattr(vision._vision, "EgoMotion", made)
+    (tmp_path / "cam.toml").write_text(CAMERA + "[depth]\nplane_band_m = 0.01\nplane_noise_cluster = 4.0\n")
+    run("egomotion", rendered / "walk.mkv", "--camera", tmp_path / "cam.toml", "--height", 1, code=2)
+    assert (told["plane_band_m"], told["plane_noise_cluster"]) == (0.01, 4.0)
+
+
 # ---- stamps
 
 

@@ -50,7 +50,8 @@ def test_rays_and_pixels(lens: str, tmp_path: Path) -> None:
     assert np.isnan(eye.project([[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0]])).all()
     assert np.isnan(eye.unproject([[np.inf, 0.0]])).all()
     path = tmp_path / "cam.toml"
-    depth = vision.DepthCamera((0.025, 0.0, 0.001), camera())
+    told = {"plane_band_m": 0.01, "plane_noise_cluster": 4.0, "max_tilt_rad": 1.0}
+    depth = vision.DepthCamera((0.025, 0.0, 0.001), camera(), told)
     vision.save_camera(path, eye, depth=depth, heading_rad=0.3)
     back = vision.load_camera(path, size=(640, 480))
     again = pickle.loads(pickle.dumps(eye))
@@ -58,6 +59,10 @@ def test_rays_and_pixels(lens: str, tmp_path: Path) -> None:
         assert (other.width, other.fx, other.cy, other.lens) == (640, 420.0, 241.0, lens)
         assert list(other.distortion) == LENSES[lens]
     assert back.heading_rad == pytest.approx(0.3, abs=1e-15)
+    assert back.depth is not None
+    assert back.depth.plane_options == pytest.approx(told)
+    with pytest.raises(ValueError, match="plane_options: band; plane_sigma_m, "):
+        vision.save_camera(path, eye, depth=vision.DepthCamera(plane_options={"band": 1.0}))
     assert back.depth is not None
     assert back.depth.offset_m == (0.025, 0.0, 0.001)
     assert (back.width, back.height) == (640, 480)
@@ -84,6 +89,8 @@ cy = 239.5
         (GOOD.replace("cy = 239.5\n", ""), r"cam\.toml:1: cy: missing"),
         (GOOD + "focal = 3.0\n", r"cam\.toml:8: focal: unknown key"),
         (GOOD + "[depth]\noffset_m = [0.1]\n", r"cam\.toml:9: depth\.offset_m: three numbers expected, got one"),
+        (GOOD + "[depth]\nplane_max_tilt_deg = 90.0\n", r"cam\.toml:9: depth\.plane_max_tilt_deg: .*less than 90"),
+        (GOOD + "[depth]\nplane_noise_cluster = 0.5\n", r"cam\.toml:9: depth\.plane_noise_cluster: .*equal to 1"),
         (GOOD + "[depth]\nfx = 500.0\n", r"give all of width, height, fx, fy, cx and cy"),
         (GOOD.replace("pinhole", "fisheye") + "distortion = [-9.0, -9e9, 0.0, 0.0]\n", r"several rays share a pixel"),
         (GOOD.replace("=", "", 1), r"cam\.toml:1: not TOML"),

@@ -103,6 +103,8 @@ def egomotion(
       distortion = []                      # k1, k2, p1, p2, k3; of a fisheye k1 ... k4
       [depth]                              # of a depth camera beside it
       offset_m = [0.025, 0.0, 0.0]
+      plane_band_m = 0.01                  # see "Camera ego-motion"
+      plane_max_tilt_deg = 60.0            # more is a wall
 
     The ground is one of: --depth, a folder with a file per frame (.npy or .npz of points (n, 3) or of a depth image,
     .pcd, .png of 16 bits in millimetres), --plane, or --height. The truth is a TUM file, or a CSV with time_s,

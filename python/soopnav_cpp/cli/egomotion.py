@@ -34,8 +34,8 @@ _MOST_ROWS = 8
 _FEW = 100  # frames of a video that does not say how many it has
 _TRACK_WIDTH = 640  # of the video of tracks: larger frames are drawn smaller
 _GIF_WIDTH = 320  # which has no compression worth the name
-_LEAP_S = 10.0  # between frames, beyond which a time stamp is doubted; of slow series as many
-_LEAP_FRAMES = 50  # frames
+_LEAP_S = 2.0  # between frames, beyond which a time stamp is doubted; of slow series as many
+_LEAP_FRAMES = 20  # frames
 _BELIEVED = 3  # doubted stamps in a row that rise among themselves
 
 
@@ -307,12 +307,7 @@ def follow(
             f"{video.width}×{video.height}"
         )
     depth = _Depth(ground, file, video.rate_hz / every, video.first_s)
-    ego = vision.EgoMotion(
-        camera,
-        depth_offset_m=(0.0, 0.0, 0.0) if file.depth is None else file.depth.offset_m,
-        seed=seed,
-        tracker=None if features is None else {"tracks": features},
-    )
+    ego = vision.EgoMotion(file, features=features, seed=seed)  # with what the file says of the depth camera
     walk = Walk()
     motions: list[Any] = []
     pictures: list[Picture] = []
