@@ -45,6 +45,36 @@ def _ours(data: Data) -> tuple[Callable[[], Any], Callable[[Any], Sequence[float
     return run, lambda increments: [float(value) for value in np.sum(increments, axis=0)]
 
 
+def _frames_and_depth() -> Data:
+    scene = simulation.GroundScene(seed=2, texture_size=1024, texel_m=0.002)
+    eye = vision.Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    images, clouds = [], []
+    for k in range(_FRAMES):
+        pose, tilt = tuple(k * np.array(_STEP)), (_TILT[0] + 0.01 * np.sin(k), _TILT[1] + 0.01 * np.cos(k))
+        images.append(scene.render(eye, pose, 1.0, tilt, noise=2.0, frame=k))
+        clouds.append(scene.depth_cloud(eye, pose, 1.0, tilt, points=30_000, frame=k))
+    return cast(
+        Data,
+        {
+            "images": np.stack(images),
+            "points": np.stack(clouds),
+            "camera": np.array([525.0, 525.0, 319.5, 239.5]),
+        },
+    )
+
+
+def _ours_with_depth(data: Data) -> tuple[Callable[[], Any], Callable[[Any], Sequence[float]]]:
+    height, width = data["images"][0].shape
+    eye = vision.Camera(width, height, *(float(value) for value in data["camera"]))
+
+    def run() -> Any:
+        ego = vision.EgoMotion(eye)
+        frames = enumerate(zip(data["images"], data["points"], strict=True))
+        return [ego.step(image, points=points, t_s=0.05 * k).increment for k, (image, points) in frames]
+
+    return run, lambda increments: [float(value) for value in np.sum(increments, axis=0)]
+
+
 VISION_CASES: tuple[Case, ...] = (
     Case(
         name="vision/ego-motion-640x480",
@@ -53,5 +83,13 @@ VISION_CASES: tuple[Case, ...] = (
         ours=_ours,
         peers=(Peer("opencv", "vision_peers", "ego_motion", ("opencv-python-headless>=4.6", "numpy")),),
         tolerance=1e-3,
+    ),
+    Case(
+        name="vision/ego-motion-depth-640x480",
+        title="the same with a tilt that wobbles, the plane of each frame found in 30 000 points first",
+        data=_frames_and_depth,
+        ours=_ours_with_depth,
+        peers=(Peer("opencv", "vision_peers", "ego_motion_depth", ("opencv-python-headless>=4.6", "numpy")),),
+        tolerance=5e-3,
     ),
 )
