@@ -24,8 +24,10 @@ void above(std::string_view name, double value, double low) {
 }
 
 double reflected(double value, double low, double high) noexcept {
-  while (value < low || value > high) value = value < low ? 2.0 * low - value : 2.0 * high - value;
-  return value;
+  if (value >= low && value <= high) return value;
+  const double width = high - low;
+  const double folded = std::abs(std::fmod(value - low, 2.0 * width));
+  return std::clamp(folded > width ? high - (folded - width) : low + folded, low, high);
 }
 
 // One draw of all chains; the worst link's share of line of sight.
@@ -77,6 +79,7 @@ NlosSchedule NlosSchedule::generate(const NlosOptions& options, std::size_t epoc
   options.check();
   require(epochs >= 1, "epochs", static_cast<double>(epochs), "at least 1 expected");
   above("step_s", step_s, 0.0);
+  number("excess_walk_m2ps * step_s", options.excess_walk_m2ps * step_s, 0.0);
   RandomStream random(seed, 0x4105);
   NlosSchedule best, next;
   next.epochs = epochs;

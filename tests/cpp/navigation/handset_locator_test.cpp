@@ -598,6 +598,21 @@ TEST(NlosSchedule, KeepsItsGuards) {
 
 // Long run of one free chain: its share and its mean stays. 1e5 s of stays of 5 and 10 s: 6667 of each, so means are
 // good to 1.3 % (1 sigma) and the share to 0.6 %.
+TEST(NlosSchedule, WalksOfAnyLengthAreFolded) {
+  for (const double walk_m2ps : {1e40, 1e300}) {
+    NlosOptions o;
+    o.excess_walk_m2ps = walk_m2ps;
+    const NlosSchedule s = NlosSchedule::generate(o, 50, 0.1, 3);
+    for (std::size_t i = 0; i < s.excess_m.size(); ++i) {
+      EXPECT_TRUE(s.blocked[i] != 0 ? s.excess_m[i] >= o.excess_min_m && s.excess_m[i] <= o.excess_max_m
+                                    : s.excess_m[i] == 0.0);
+    }
+  }
+  NlosOptions o;
+  o.excess_walk_m2ps = 1e300;
+  EXPECT_THROW((void)NlosSchedule::generate(o, 5, 1e300, 3), std::invalid_argument);
+}
+
 TEST(NlosSchedule, StaysAsLongAsItShould) {
   NlosOptions o;
   o.links = 1;
