@@ -157,6 +157,7 @@ HandsetOptions options_of(const Table<"nodes_m">& nodes, HandsetFilter filter, H
   read("coast_psd_m2ps", o.coast_psd_m2ps);
   read("coast_turn_psd_rad2ps", o.coast_turn_psd_rad2ps);
   read("coast_after_s", o.coast_after_s);
+  read("max_speed_mps", o.max_speed_mps);
   read("max_disagreement_s", o.max_disagreement_s);
   read.done();
   if (particles < 1)
@@ -202,6 +203,7 @@ void register_handset_results(py::module_& m) {
       .value("OUTLIERS", HandsetUse::kOutliers)
       .value("RECOVERED", HandsetUse::kRecovered)
       .value("WALLS", HandsetUse::kWalls)
+      .value("TOO_FAST", HandsetUse::kTooFast)
       .finalize();
   py::native_enum<HandsetStatus>(m, "HandsetStatus", "enum.Enum", "What an estimate rests on.")
       .value("STARTING", HandsetStatus::kStarting)

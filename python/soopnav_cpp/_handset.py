@@ -169,7 +169,7 @@ class HandsetLocator:
         correlation is 1/e), ``outlier_probability`` (1e-3), ``outlier_span_m`` (200), ``recover_after`` (10 epochs);
         motion: ``acceleration_psd_m2ps3`` (0.5),
         ``start_speed_sigma_mps`` (1), ``turn_psd_rad2ps`` (0.5), ``coast_psd_m2ps`` (0.5), ``coast_turn_psd_rad2ps``
-        (0.1), ``coast_after_s`` (0.25), ``max_disagreement_s`` (2).
+        (0.1), ``coast_after_s`` (0.25), ``max_speed_mps`` (100; no step is faster), ``max_disagreement_s`` (2).
 
     Raises
     ------

@@ -105,15 +105,19 @@ struct Slope {
   }
 };
 
-/// Mean and covariance after a measurement: `ph` = P hᵀ, `over_s` = 1 / S, zero where nothing is to happen.
-SOOPNAV_INLINE void correct(const Block& block, const Lanes* ph, const Lanes& innovation,
-                            const Lanes& over_s) noexcept {
-  const Lanes step = innovation * over_s;
+/// Mean and covariance after a measurement of variance `noise`: `ph` = P hᵀ, `over_s` = 1 / S, zero where nothing is to
+/// happen. By Cauchy and Schwarz no variance ends below P R / S: where the difference does, it has lost its digits.
+SOOPNAV_INLINE void correct(const Block& block, const Lanes* ph, const Lanes& innovation, const Lanes& over_s,
+                            const Lanes& noise) noexcept {
+  const Lanes step = innovation * over_s, least = noise * over_s;
   double* cell = block.row(block.at.size);
   for (int i = 0; i < block.active; ++i) {
     block.add_mean(i, ph[i] * step);
     const Lanes k = ph[i] * over_s;
-    for (int j = 0; j <= i; ++j, cell += HandsetCloud::kLanes) (Lanes::load(cell) - k * ph[j]).store(cell);
+    for (int j = 0; j < i; ++j, cell += HandsetCloud::kLanes) (Lanes::load(cell) - k * ph[j]).store(cell);
+    const Lanes p = Lanes::load(cell);
+    max(p - k * ph[i], p * least).store(cell);
+    cell += HandsetCloud::kLanes;
   }
 }
 
@@ -157,7 +161,7 @@ struct MoveWork {
 };
 
 struct AdvanceWork {
-  double dt_s, speed_variance, turn_variance;
+  double dt_s, speed_variance, turn_variance;  ///< dt_s < 0 without noise: back where it came from
 
   SOOPNAV_INLINE void operator()(const Block& block, std::size_t) const noexcept {
     const HandsetLayout& at = block.at;
@@ -231,8 +235,8 @@ struct MotionWork {
         h.add(f, b * cos_turn + d * sin_turn);
         h.add(f + 1, d * cos_turn - b * sin_turn);
       }
-      const Lanes over_s = Lanes(1.0) / (h.spread(block, ph) + Lanes(1.0));
-      correct(block, ph, innovation, over_s);
+      const Lanes over_s = Lanes(1.0) / max(h.spread(block, ph) + Lanes(1.0), Lanes(1.0));
+      correct(block, ph, innovation, over_s, Lanes(1.0));
     }
     for (const int i : {at.dx, at.dy, at.turn}) block.renew(i, Lanes(0.0), Lanes(0.0));
   }
@@ -328,6 +332,11 @@ struct FadeWork {
   }
 };
 
+constexpr double kLeastRangeSigma = 1e-4;    // m
+constexpr double kLeastBearingSigma = 1e-6;  // rad
+/// Of an outlier, also where there are to be none: from 37 sigmas on an observation is one.
+constexpr double kLeastDensity = 1e-300;
+
 /// What both kinds of observation share.
 struct LinkWork {
   const double* links;
@@ -344,6 +353,10 @@ struct LinkWork {
 
   [[nodiscard]] SOOPNAV_INLINE bool heard(int l) const noexcept {
     return std::isfinite(links[l]) && sigma[l] > 0.0 && std::isfinite(sigma[l]);
+  }
+  /// Better than `least` nothing is taken to be: the linearised model is not, and digits end.
+  [[nodiscard]] SOOPNAV_INLINE double variance_of(int l, double least) const noexcept {
+    return sigma[l] > least ? sigma[l] * sigma[l] : least * least;
   }
 };
 
@@ -389,8 +402,16 @@ SOOPNAV_INLINE void add_sight(const LinkWork& work, const Block& block, int l, c
 struct RangeWork : LinkWork {
   double height_m;
   std::array<double, kMaxHandsetNodes> stay_blocked, get_blocked;  ///< eq. 2
-  double outlier_density;
+  double outlier_density;                                          ///< of a range that is one
   double excess_mean, excess_variance;
+
+  /// The clock's variance after a range: (P_b rest - cross²) / S has no difference of large numbers (eq. 9).
+  SOOPNAV_INLINE static void correct_clock(const Block& block, int b, const Lanes::Mask& used, const Lanes& clock,
+                                           const Lanes& rest, const Lanes& cross, const Lanes& s,
+                                           const Lanes& noise) noexcept {
+    const Lanes left = max(clock * rest - cross * cross, clock * noise) / s;
+    block.set_cov(b, b, select(used, left, clock));
+  }
 
   SOOPNAV_INLINE void operator()(const Block& block, std::size_t first) const noexcept {
     const HandsetLayout& at = block.at;
@@ -412,7 +433,6 @@ struct RangeWork : LinkWork {
     Lanes predicted = range + block.mean(b);
     Slope h;
     add_sight(*this, block, l, to, to.x * over, to.y * over, h);
-    h.add(b, Lanes(1.0));
     if (at.offset >= 0) {
       predicted += block.mean(at.offset + l);
       h.add(at.offset + l, Lanes(1.0));
@@ -422,23 +442,33 @@ struct RangeWork : LinkWork {
       h.add(at.multipath + l, Lanes(1.0));
     }
     Lanes ph[HandsetCloud::kMaxSize];
-    const Lanes s0 = h.spread(block, ph) + Lanes(sigma[l] * sigma[l]);
+    // The clock apart from the rest (eq. 9): its variance may be 1e18 of all others'.
+    const Lanes noise(variance_of(l, kLeastRangeSigma)), clock = block.cov(b, b);
+    const Lanes rest0 = max(h.spread(block, ph) + noise, noise);
+    const Lanes cross0 = ph[b];
+    for (int i = 0; i < block.active; ++i) ph[i] += block.cov(i, b);
+    const Lanes s0 = max(rest0 + Lanes(2.0) * cross0 + clock, noise);
     const Lanes v0 = Lanes(links[l]) - predicted;
-    const Lanes share(1.0 - outlier), floor(outlier_density);
+    // An outlier is from anywhere, but that cannot be told from a clock that may be anywhere.
+    const Lanes share(1.0 - outlier);
+    const Lanes floor =
+        max(Lanes(outlier) * min(Lanes(outlier_density), sqrt(Lanes(1.0 / kTwoPi) / s0)), Lanes(kLeastDensity));
     if (at.excess < 0) {
       const Lanes good = share * density(v0, s0);
-      const Lanes total = max(good + floor, Lanes(1e-300));
-      const auto used =
-          (Lanes::load(uniform + static_cast<std::size_t>(l) * stride + first) * total < good) | (floor <= Lanes(0.0));
+      const Lanes total = good + floor;
+      const auto used = Lanes::load(uniform + static_cast<std::size_t>(l) * stride + first) * total < good;
       gained += log(total);
       out += select(used, Lanes(0.0), Lanes(1.0));
-      correct(block, ph, v0, select(used, Lanes(1.0) / s0, Lanes(0.0)));
+      correct(block, ph, v0, select(used, Lanes(1.0) / s0, Lanes(0.0)), noise);
+      correct_clock(block, b, used, clock, rest0, cross0, s0, noise);
       return;
     }
     // With and without excess delay, each given its own likelihood: the Boolean is drawn from what it is given this
     // range, and the weight is what the range was worth (eq. 7).
     const int e = at.excess + l;
-    const Lanes s1 = s0 + Lanes(2.0) * ph[e] + block.cov(e, e);
+    const Lanes cross1 = cross0 + block.cov(e, b);
+    const Lanes rest1 = max(rest0 + Lanes(2.0) * (ph[e] - block.cov(e, b)) + block.cov(e, e), noise);
+    const Lanes s1 = max(rest1 + Lanes(2.0) * cross1 + clock, noise);
     const Lanes v1 = v0 - block.mean(e);
     double* boolean = block.row(block.first_boolean + l);
     const auto was = Lanes::load(boolean) > Lanes(0.5);
@@ -446,19 +476,21 @@ struct RangeWork : LinkWork {
         select(was, Lanes(stay_blocked[static_cast<std::size_t>(l)]), Lanes(get_blocked[static_cast<std::size_t>(l)]));
     const Lanes clear_part = share * (Lanes(1.0) - blocked) * density(v0, s0);
     const Lanes blocked_part = share * blocked * density(v1, s1);
-    const Lanes total = max(clear_part + blocked_part + floor, Lanes(1e-300));
+    const Lanes total = clear_part + blocked_part + floor;
     gained += log(total);
     const Lanes drawn = Lanes::load(uniform + static_cast<std::size_t>(l) * stride + first) * total;
     const Lanes either = clear_part + blocked_part;
     const auto clear = drawn < clear_part;
-    const auto used = (drawn < either) | (floor <= Lanes(0.0));
+    const auto used = drawn < either;
     // An outlier says nothing: the Boolean is drawn from the chain alone, with what is left of the same number.
     const auto is_blocked = (!clear) & ((drawn < either) | (drawn < either + floor * blocked));
     out += select(used, Lanes(0.0), Lanes(1.0));
     const Lanes with = select(is_blocked & used, Lanes(1.0), Lanes(0.0));
     for (int i = 0; i < block.active; ++i) ph[i] += with * block.cov(e, i);
     const Lanes s = select(is_blocked, s1, s0);
-    correct(block, ph, select(is_blocked, v1, v0), select(used, Lanes(1.0) / s, Lanes(0.0)));
+    correct(block, ph, select(is_blocked, v1, v0), select(used, Lanes(1.0) / s, Lanes(0.0)), noise);
+    correct_clock(block, b, used, clock, select(is_blocked, rest1, rest0), select(is_blocked, cross1, cross0), s,
+                  noise);
     block.renew(e, excess_mean, excess_variance, !is_blocked);
     select(is_blocked, Lanes(1.0), Lanes(0.0)).store(boolean);
   }
@@ -490,7 +522,8 @@ struct BearingWork : LinkWork {
       h.add(at.heading, Lanes(-1.0));
     }
     Lanes ph[HandsetCloud::kMaxSize];
-    const Lanes s = h.spread(block, ph) + Lanes(sigma[l] * sigma[l]);
+    const Lanes noise(variance_of(l, kLeastBearingSigma));
+    const Lanes s = max(h.spread(block, ph) + noise, noise);
     const Lanes v0 = wrap_to_pi(Lanes(links[l]) - predicted);
     const bool two = mirror != nullptr && std::isfinite(mirror[l]);
     const Lanes v1 = two ? wrap_to_pi(Lanes(mirror[l]) - predicted) : v0;
@@ -499,7 +532,7 @@ struct BearingWork : LinkWork {
     const Lanes first_part = share * density(v0, s);
     const Lanes second_part = two ? share * density(v1, s) : Lanes(0.0);
     const Lanes either = first_part + second_part;
-    const Lanes total = max(either + Lanes(outlier) * even, Lanes(1e-300));
+    const Lanes total = max(either + Lanes(outlier) * even, Lanes(kLeastDensity));
     const Lanes drawn = Lanes::load(uniform + static_cast<std::size_t>(l) * stride + first) * total;
     // A link with excess delay comes from anywhere.
     const auto is_blocked =
@@ -507,7 +540,7 @@ struct BearingWork : LinkWork {
     const auto used = (drawn < either) & !is_blocked;
     gained += log(select(is_blocked, even, total));
     out += select(used | is_blocked, Lanes(0.0), Lanes(1.0));
-    correct(block, ph, select(drawn < first_part, v0, v1), select(used, Lanes(1.0) / s, Lanes(0.0)));
+    correct(block, ph, select(drawn < first_part, v0, v1), select(used, Lanes(1.0) / s, Lanes(0.0)), noise);
   }
 };
 

@@ -61,6 +61,10 @@ HandsetCloud::HandsetCloud(const HandsetOptions& options)
 
 void HandsetCloud::start(std::uint64_t seed) noexcept {
   random_ = RandomStream(seed, 0x4A5E);
+  begin();
+}
+
+void HandsetCloud::begin() noexcept {
   feet_ = false;
   dirty_ = false;
   std::fill(data_.begin(), data_.end(), 0.0);
@@ -180,6 +184,12 @@ void HandsetCloud::advance(double dt_s) noexcept {
   each(*this, AdvanceWork{dt_s, o_.acceleration_psd_m2ps3 * dt_s, o_.turn_psd_rad2ps * dt_s});
 }
 
+void HandsetCloud::recede(double dt_s) noexcept {
+  if (!(dt_s > 0.0)) return;
+  remember_places();
+  each(*this, AdvanceWork{-dt_s, 0.0, 0.0});
+}
+
 void HandsetCloud::observe_motion(const HandsetMotion& motion) noexcept {
   const bool feet = motion.foot_covariance.cwiseAbs().maxCoeff() > 0.0;
   feet_ = feet_ || feet;
@@ -234,7 +244,7 @@ double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<con
     work.get_blocked[l] = stationary * (1.0 - kept);
   }
   work.outlier = o_.outlier_probability;
-  work.outlier_density = o_.outlier_probability / o_.outlier_span_m;
+  work.outlier_density = 1.0 / o_.outlier_span_m;
   work.excess_mean = excess_mean_;
   work.excess_variance = excess_variance_;
   work.log_weight = log_weight_.data();
@@ -302,10 +312,25 @@ bool HandsetCloud::keep_inside() noexcept {
   return true;
 }
 
-double HandsetCloud::settle() noexcept {
-  if (!dirty_) return 0.0;
+bool HandsetCloud::settle(double& log_evidence) noexcept {
+  log_evidence = 0.0;
+  if (!dirty_) return true;
   dirty_ = false;
-  const double top = *std::max_element(log_weight_.begin(), log_weight_.end());
+  constexpr double kNever = -std::numeric_limits<double>::infinity();
+  double top = kNever;
+  bool broken = false;
+  for (std::size_t i = 0; i < count_; ++i) {
+    if (!(log_weight_[i] < -kNever)) {
+      log_weight_[i] = kNever;
+      broken = true;
+    }
+    top = std::max(top, log_weight_[i]);
+  }
+  if (!(top > kNever)) {
+    begin();
+    log_evidence = kNever;
+    return false;
+  }
   double total = 0.0, squares = 0.0;
   for (std::size_t i = 0; i < count_; ++i) {
     weight_[i] = std::exp(log_weight_[i] - top);
@@ -319,7 +344,9 @@ double HandsetCloud::settle() noexcept {
   // Kept normalised: the evidence of what is new is the sum.
   const double shift = top + std::log(total);
   for (std::size_t i = 0; i < count_; ++i) log_weight_[i] -= shift;
-  return shift;
+  if (broken) resample();
+  log_evidence = shift;
+  return true;
 }
 
 void HandsetCloud::resample() noexcept {

@@ -44,6 +44,8 @@ class HandsetCloud {
   void move(const HandsetMotion& motion) noexcept;
   /// Type 2: the pose moves on with its velocity.
   void advance(double dt_s) noexcept;
+  /// Type 2: back by `dt_s` with the velocity that it came with; what was learnt since goes along.
+  void recede(double dt_s) noexcept;
   /// Type 2: `motion` is a measurement of the movement since the last frame, which ends here.
   void observe_motion(const HandsetMotion& motion) noexcept;
   /// Type 2: the movement since the last frame begins anew.
@@ -65,8 +67,9 @@ class HandsetCloud {
                         std::span<const double> mirror_rad, bool of_body, const Eigen::Vector2d& ahead_b_m) noexcept;
   /// Weights of those outside `room` or that crossed a wall become zero. False when none are left: nothing done.
   [[nodiscard]] bool keep_inside() noexcept;
-  /// Normalises; the evidence of what came since, and the effective number of particles.
-  double settle() noexcept;
+  /// Normalises; `log_evidence` of what came since, and the effective number of particles. Particles whose weight is no
+  /// number are replaced by others; false when no other was left: then all begin anew as at the start.
+  [[nodiscard]] bool settle(double& log_evidence) noexcept;
   [[nodiscard]] double ess() const noexcept { return ess_; }
   void resample() noexcept;
   /// Pose as uncertain again as at the start, about where it is.
@@ -89,6 +92,7 @@ class HandsetCloud {
   [[nodiscard]] double value(std::size_t i, int row) const noexcept {
     return data_[(i / kLanes * static_cast<std::size_t>(rows_) + static_cast<std::size_t>(row)) * kLanes + i % kLanes];
   }
+  void begin() noexcept;
   void remember_places() noexcept;
 
   HandsetOptions o_;

@@ -80,6 +80,8 @@ std::string_view to_string(HandsetUse use) noexcept {
       return "recovered";
     case HandsetUse::kWalls:
       return "walls ignored";
+    case HandsetUse::kTooFast:
+      return "too fast";
   }
   return "unknown";
 }
@@ -158,6 +160,7 @@ void HandsetOptions::check() const {
   not_negative("coast_turn_psd_rad2ps", coast_turn_psd_rad2ps);
   positive("coast_after_s", coast_after_s);
   not_negative("max_disagreement_s", max_disagreement_s);
+  positive("max_speed_mps", max_speed_mps);
   require(room_m.empty() || room_m.size() >= 3, "room_m", static_cast<double>(room_m.size()),
           "at least 3 corners, or none, expected");
   for (const auto& p : room_m) require(p.allFinite(), "room_m", p.sum(), "finite numbers expected");
@@ -215,9 +218,20 @@ struct HandsetLocator::Impl {
     now = t;
   }
 
+  // The cloud began anew: what else is remembered of the walk goes as well, but for the times.
+  HandsetUse restarted() noexcept {
+    step_b_mps.setZero();
+    turn_radps = 0.0;
+    bad_epochs = 0;
+    chained = false;
+    heard_at.fill(HandsetEstimate::kNan);
+    return HandsetUse::kRecovered;
+  }
+
   HandsetReport after_motion(HandsetReport report) noexcept {
     if (!cloud.keep_inside()) report.use = HandsetUse::kWalls;
-    cloud.settle();
+    double evidence = 0.0;
+    if (!cloud.settle(evidence)) report.use = restarted();
     report.ess = cloud.ess();
     return report;
   }
@@ -239,13 +253,21 @@ struct HandsetLocator::Impl {
     }
     if (report.use != HandsetUse::kUsed) return report;
     if (std::isfinite(frame) && !chained) return coast(t);  // it starts before what the state has gone through
+    const double since = std::isfinite(frame) ? t - frame : 1.0;
+    if (m.increment.head<2>().stableNorm() > options.max_speed_mps * since || std::abs(m.increment[2]) > kTwoPi) {
+      report = coast(t);
+      if (report.use == HandsetUse::kCoasted) report.use = HandsetUse::kTooFast;
+      return report;
+    }
     resample_if_few();
     walked_m += m.increment.head<2>().norm();
     if (!cloud.feet()) cloud.enter_foot(m.foot_covariance_previous);
     if (type2()) {
       if (std::isfinite(now)) {
+        cloud.recede(now - t);  // a frame that comes after a later epoch
         cloud.advance(t - now);
         cloud.observe_motion(m);
+        cloud.advance(now - t);
       } else {  // nothing to be compared with: only the turn is known
         HandsetMotion first = m;
         first.track_covariance.topLeftCorner<2, 2>().diagonal().array() += 1e4;
@@ -261,7 +283,8 @@ struct HandsetLocator::Impl {
                    dt;  // in the present body's axes
       turn_radps = m.increment[2] / dt;
     }
-    now = frame = t;
+    now = type2() ? std::fmax(now, t) : t;
+    frame = t;
     started = chained = true;
     return after_motion(report);
   }
@@ -279,7 +302,10 @@ struct HandsetLocator::Impl {
       now = t;
     }
     cloud.leave_foot();
+    const double late = type2() ? now - t : 0.0;
+    cloud.recede(late);
     cloud.begin_movement();
+    cloud.advance(late);
     frame = t;
     step_b_mps.setZero();
     turn_radps = 0.0;
@@ -314,13 +340,15 @@ struct HandsetLocator::Impl {
 
   HandsetReport finish_epoch(HandsetReport report, double t, double outliers) noexcept {
     const bool inside = cloud.keep_inside();
-    report.log_evidence = cloud.settle();
+    const bool settled = cloud.settle(report.log_evidence);
     report.ess = cloud.ess();
     report.outliers = outliers / report.heard;
     epoch = t;
     started = true;
     if (!inside) report.use = HandsetUse::kWalls;
-    if (report.outliers > 0.5) {
+    if (!settled) {
+      report.use = restarted();
+    } else if (report.outliers > 0.5) {
       report.use = HandsetUse::kOutliers;
       if (++bad_epochs >= options.recover_after) {
         cloud.spread(options.start_sigma_m, std::min(options.start_heading_sigma_rad, kPi));

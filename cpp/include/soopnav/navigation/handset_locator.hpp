@@ -42,8 +42,10 @@ enum class HandsetUse : std::uint8_t {
   kNothingHeard,    ///< no range (bearing) of it is a number with a positive sigma; time goes on
   kCoasted,         ///< a frame without an increment: the pose becomes less certain
   kOutliers,        ///< used, but most of the links fitted neither with nor without excess delay
-  kRecovered,       ///< so for `recover_after` epochs: the cloud was spread out again, then used
+  kRecovered,       ///< so for `recover_after` epochs: the cloud was spread out again, then used; or no particle was a
+                    ///< number any more: all began anew as at the start
   kWalls,           ///< all particles left the room: walls ignored at this step
+  kTooFast,         ///< a step beyond `max_speed_mps` or of more than a whole turn: coasted instead
 };
 
 /// What the estimate rests on.
@@ -102,7 +104,7 @@ struct HandsetOptions {
   /// sight and without: paths too near to the first to be told apart (doc/handset.md eq. 8). One more number per link.
   double multipath_sigma_m = 0.0;
   double multipath_length_m = 1.0;    ///< walked until its correlation is 1/e, > 0
-  double outlier_probability = 1e-3;  ///< of a range or bearing from anywhere, in [0, 0.5)
+  double outlier_probability = 1e-3;  ///< of a range or bearing from anywhere, in [0, 0.5); 0: beyond 37 sigmas only
   double outlier_span_m = 200.0;      ///< over which such ranges spread, > 0
   int recover_after = 10;             ///< epochs with most links outliers until the cloud is spread out again, >= 1
 
@@ -112,6 +114,7 @@ struct HandsetOptions {
   double coast_psd_m2ps = 0.5;          ///< of the position while the camera is missing (type 1)
   double coast_turn_psd_rad2ps = 0.1;   ///< of the heading
   double coast_after_s = 0.25;          ///< without a frame, > 0; up to then the last step's velocity is taken on
+  double max_speed_mps = 100.0;         ///< no step is faster, > 0; the first one is taken to last a second
   double max_disagreement_s = 2.0;      ///< a radio epoch may be so much older than the last frame, >= 0
 
   std::vector<Eigen::Vector2d> room_m;   ///< a polygon that is not left; empty: none
@@ -174,7 +177,7 @@ struct HandsetEstimate {
 ///
 /// Model: range z_l = |p - q_l| + b (+ o_l) + s_l e_l + n, s_l a Boolean that switches as a Markov chain, e_l its
 /// excess delay; camera f_k = f_(k-1) + R(a) (d + n), a_k = a_(k-1) + d_a + n, where f = p + R(a) eps is the foot point
-/// that the fitted plane leads to: eps is of one frame and does not accumulate (doc/handset.md eq. 1 to 8). Each
+/// that the fitted plane leads to: eps is of one frame and does not accumulate (doc/handset.md eq. 1 to 9). Each
 /// particle samples the Booleans, from their distribution given the present range, and carries one joint Gaussian of
 /// all else (Rao-Blackwellised): pose, clock, excess delays, offsets, unknown places.
 ///
@@ -189,11 +192,13 @@ class HandsetLocator {
   HandsetLocator& operator=(HandsetLocator&&) noexcept;
   ~HandsetLocator();
 
-  /// The step that ends at `t_s`, since the frame before.
+  /// The step that ends at `t_s`, since the frame before. It may come after ranges of a later time: type 2 goes back to
+  /// it with its velocity, and forth again.
   HandsetReport move(const HandsetMotion& motion, double t_s) noexcept;
   /// No step is known up to `t_s` (too few tracks, dropped frames): the pose becomes less certain.
   HandsetReport coast(double t_s) noexcept;
-  /// Ranges to all nodes at `t_s` [m], of standard deviations `sigma_m`; NaN where a node is not heard.
+  /// Ranges to all nodes at `t_s` [m], of standard deviations `sigma_m`, of which those below 0.1 mm count as that; NaN
+  /// where a node is not heard.
   /// Spans of another length than the nodes are kNotFinite.
   HandsetReport update_ranges(std::span<const double> range_m, std::span<const double> sigma_m, double t_s) noexcept;
   /// Bearings to the nodes [rad], from the body's first axis (`of_body`) or from the frame's x, towards y. `mirror_rad`
