@@ -196,6 +196,49 @@ def test_nothing_seen_for_seconds_coasts(floor: Floor) -> None:
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize("bad", [2, 3, 4])
+def test_what_a_coast_covers_is_not_measured_again(floor: Floor, bad: int) -> None:
+    # Frames 0.2 s apart: it coasts before the tracker gives the last good frame up.
+    camera, at = ego(), 0.0
+    for k in range(8 + bad):
+        dark = 4 <= k < 4 + bad
+        image = np.full_like(floor.frame(0), k % 2) if dark else floor.frame(k)
+        motion = camera.step(image, plane=PLANE, t_s=0.2 * k)
+        at += motion.dt_s
+        if motion.ok:  # from where the last one ended
+            close(motion, floor.truth(round((at - motion.dt_s) / 0.2), k))
+    assert motion.ok
+    assert motion.dt_s == pytest.approx(0.2)
+    assert at == pytest.approx(0.2 * (7 + bad))
+
+
+@pytest.mark.unit
+def test_one_time_far_away_is_forgotten(floor: Floor) -> None:
+    camera = started(floor)
+    for t_s in (1e6, -1e6, 2e6, 1e6):
+        motion = camera.step(floor.frame(4), plane=PLANE, t_s=t_s)
+        assert motion.status is MotionStatus.BAD_TIME
+        assert motion.dt_s == 0.0
+    for k in (5, 6):
+        motion = camera.step(floor.frame(k), plane=PLANE, t_s=0.05 * k)
+        close(motion, floor.truth(3 if k == 5 else 5, k))
+    assert motion.dt_s == pytest.approx(0.05)
+
+
+@pytest.mark.unit
+def test_a_clock_that_was_set_is_believed_at_the_third_frame(floor: Floor) -> None:
+    camera = started(floor)
+    for start_s, status in ((1000.0, MotionStatus.COASTED), (-500.0, MotionStatus.FIRST)):
+        motions = [camera.step(floor.frame(k), plane=PLANE, t_s=start_s + 0.05 * k) for k in range(4, 8)]
+        assert [m.status for m in motions] == [MotionStatus.BAD_TIME] * 2 + [status, MotionStatus.MEASURED]
+        close(motions[-1], floor.truth(6, 7))
+        assert motions[-1].dt_s == pytest.approx(0.05)
+        if status is MotionStatus.COASTED:
+            assert motions[2].dt_s == pytest.approx(1000.0 + 0.3 - 0.15)
+            assert motions[2].covariance[0, 0] > 1000.0**2
+
+
+@pytest.mark.unit
 def test_depth_without_ground_only_lengthens_the_interval(floor: Floor) -> None:
     camera = started(floor)
     nothing = np.full((2000, 3), np.nan, np.float32)

@@ -13,6 +13,8 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kEnoughMature = 0.6;  // share of the tracks followed that must be old enough to do without the others
+constexpr double kFarGaps = 100.0;     // a time more than so many max_gap_s away is doubted
+constexpr int kBelieved = 3;           // times in a row, each above the one before, that are far away and believed
 
 void need(bool good, const char* name, double value, const char* rule) {
   if (good) return;
@@ -69,6 +71,28 @@ void EgoMotion::reset() noexcept {
   anchor_tracks_.clear();
   agrees_.clear();
   skipped_ = 0;
+  doubted_ = 0;
+}
+
+// Whether the frame's time is to be used. One that is far away would leave all that follow behind it.
+bool EgoMotion::believe(double t_s) noexcept {
+  if (!std::isfinite(t_s)) return false;
+  if (!started_) return true;
+  const bool far = std::fabs(t_s - t_s_) > kFarGaps * options_.max_gap_s;
+  if (!far) {
+    doubted_ = 0;
+    return t_s >= t_s_;
+  }
+  doubted_ = doubted_ > 0 && t_s > doubted_t_s_ ? doubted_ + 1 : 1;
+  doubted_t_s_ = t_s;
+  if (doubted_ < kBelieved) return false;
+  doubted_ = 0;
+  if (t_s < t_s_) {
+    reset();
+  } else {
+    tracker_.reset();  // what it last saw is too old; the interval is coasted over
+  }
+  return true;
 }
 
 PlanarMotion EgoMotion::step(const ImageView& image, double t_s, std::span<const float> points) noexcept {
@@ -78,7 +102,7 @@ PlanarMotion EgoMotion::step(const ImageView& image, double t_s, std::span<const
 PlanarMotion EgoMotion::step(const ImageView& image, double t_s, const GroundPlane& plane) noexcept {
   PlanarMotion out;
   out.t_s = t_s;
-  if (!std::isfinite(t_s) || (started_ && t_s < t_s_)) {
+  if (!believe(t_s)) {
     out.status = MotionStatus::kBadTime;
     return out;
   }
@@ -169,9 +193,17 @@ void EgoMotion::pair_up() {
 
 PlanarMotion EgoMotion::without(MotionStatus why) {
   ++skipped_;
-  if (t_s_ - anchor_t_s_ > options_.max_gap_s || !anchored_) return coast();
   PlanarMotion out;
   out.status = why;
+  if (t_s_ - anchor_t_s_ > options_.max_gap_s || !anchored_) {
+    out = coast();
+    if (frame_.status != FrameStatus::kTracked) {
+      // The tracks still lie where the last good frame had them: motion since then is in `out` and must not be measured
+      // again from this time on. The next tracked frame coasts up to itself and is the anchor.
+      anchor_tracks_.clear();
+      anchored_ = false;
+    }
+  }
   return out;
 }
 

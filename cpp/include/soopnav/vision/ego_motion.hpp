@@ -63,7 +63,9 @@ class EgoMotion {
 
   /// The next frame: grey image of the camera's size, its time, and the ground in axes of this camera. An image of
   /// another size is kBadImage; a time that is not finite or before the last one kBadTime; the last one's time
-  /// kRepeated.
+  /// kRepeated. A time more than 100 `max_gap_s` before or after the last one is kBadTime as well, and is forgotten,
+  /// unless it is the third such in a row and they rise: then the clock was set. After a set-back all starts anew
+  /// (kFirst), else the interval is coasted over.
   PlanarMotion step(const ImageView& image, double t_s, const GroundPlane& plane) noexcept;
 
   /// With the ground from points of the depth camera (x, y, z one after the other, its axes, `depth_offset_m`) [m].
@@ -88,6 +90,7 @@ class EgoMotion {
     Eigen::Vector2d pixel;
     int outlier;  // disagreements in a row
   };
+  [[nodiscard]] bool believe(double t_s) noexcept;
   [[nodiscard]] Eigen::Vector3d expected(double dt_s) const noexcept;
   void predict(double dt_s);
   void pair_up();
@@ -108,6 +111,8 @@ class EgoMotion {
 
   double t_s_ = 0.0;
   bool started_ = false;
+  int doubted_ = 0;             // frames in a row whose times are far away and rise
+  double doubted_t_s_ = 0.0;    // of the last of them
   double reference_t_s_ = 0.0;  // of the frame the tracker compares with
   GroundPlane reference_plane_;
   bool anchored_ = false;
