@@ -153,7 +153,13 @@ Options options_of(const py::dict& given, const char* whose, const TryField& try
       try {
         where = py::cast<std::remove_reference_t<decltype(where)>>(held);
       } catch (const py::cast_error&) {
-        throw std::invalid_argument(name + ": a number expected, got " + describe(held));
+        using Value = std::remove_reference_t<decltype(where)>;
+        const char* wanted = !std::is_integral_v<Value>  ? "a number"
+                             : std::is_unsigned_v<Value> ? "a whole number from 0 on"
+                                                         : "a whole number";
+        const bool number = py::isinstance<py::int_>(held) || py::isinstance<py::float_>(held);
+        throw std::invalid_argument(name + ": " + wanted + " expected, got " +
+                                    (number ? std::string(py::str(held)) : describe(held)));
       }
       return true;
     };
@@ -192,12 +198,14 @@ vision::EgoMotionOptions ego_options(const py::dict& given) {
            set("turn_rate_radps", o.turn_rate_radps) || set("coast_s", o.coast_s) ||
            set("surprise_mps", o.surprise_mps) || set("rival_share", o.rival_share) ||
            set("plane_sigma_m", plane.sigma_m) || set("plane_sigma_per_m", plane.sigma_per_m) ||
-           set("plane_min_share", plane.min_share) || set("max_tilt_rad", plane.max_tilt_rad) ||
-           set("min_height_m", plane.min_height_m) || set("max_height_m", plane.max_height_m) ||
-           set("min_sigma_px", rigid.min_sigma_px) || set("inlier_px", rigid.inlier_px) ||
-           set("min_tracks", rigid.min_tracks) || set("min_share", rigid.min_share) ||
-           set("height_sigmas", rigid.height_sigmas) || set("height_tolerance", rigid.height_tolerance) ||
-           set("track_inflation", rigid.track_inflation);
+           set("plane_min_share", plane.min_share) || set("plane_band_sigmas", plane.band_sigmas) ||
+           set("plane_band_m", plane.band_m) || set("plane_noise_cluster", plane.noise_cluster) ||
+           set("plane_min_points", plane.min_points) || set("plane_max_tilt_rad", plane.max_tilt_rad) ||
+           set("max_tilt_rad", plane.max_tilt_rad) || set("min_height_m", plane.min_height_m) ||
+           set("max_height_m", plane.max_height_m) || set("min_sigma_px", rigid.min_sigma_px) ||
+           set("inlier_px", rigid.inlier_px) || set("min_tracks", rigid.min_tracks) ||
+           set("min_share", rigid.min_share) || set("height_sigmas", rigid.height_sigmas) ||
+           set("height_tolerance", rigid.height_tolerance) || set("track_inflation", rigid.track_inflation);
   });
 }
 

@@ -184,10 +184,11 @@ class EgoMotion:
         By name, defaults in brackets: ``min_age`` [2] frames a track must have lived; ``outlier_frames`` [3];
         ``max_gap_s`` [0.5]; ``acceleration_mps2`` [2], ``speed_mps`` [1.5], ``turn_rate_radps`` [1], ``coast_s`` [1] of
         coasting; ``surprise_mps`` [0.5] and ``rival_share`` [0.2] of a second motion in the image;
-        ``plane_sigma_m`` [0.0005], ``plane_sigma_per_m`` [0.0014], ``plane_min_share`` [0.2], ``max_tilt_rad`` [0.785],
-        ``min_height_m`` [0.05], ``max_height_m`` [10] of the plane; ``inlier_px`` [1], ``min_sigma_px`` [0.01],
-        ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1.3], ``height_sigmas`` [6] and
-        ``height_tolerance`` [0.01] of the motion.
+        ``plane_sigma_m`` [0.0005], ``plane_sigma_per_m`` [0.0014], ``plane_band_sigmas`` [3], ``plane_band_m`` [0],
+        ``plane_noise_cluster`` [1], ``plane_min_share`` [0.2], ``plane_min_points`` [50], ``plane_max_tilt_rad``
+        [0.785, also ``max_tilt_rad``], ``min_height_m`` [0.05], ``max_height_m`` [10] of the plane, as in `fit_plane`;
+        ``inlier_px`` [1], ``min_sigma_px`` [0.01], ``min_tracks`` [8], ``min_share`` [0.25], ``track_inflation`` [1.3],
+        ``height_sigmas`` [6] and ``height_tolerance`` [0.01] of the motion.
 
     Raises
     ------

@@ -239,6 +239,28 @@ def test_a_clock_that_was_set_is_believed_at_the_third_frame(floor: Floor) -> No
 
 
 @pytest.mark.unit
+def test_a_sensor_of_ones_own_is_described_by_plane_options(floor: Floor) -> None:
+    def plane(points: np.ndarray, **options: float) -> vision.GroundPlane:
+        camera = ego(**options)
+        camera.step(floor.frame(0), points=points, t_s=0.0)
+        return camera.plane
+
+    leaning = vision.GroundPlane.from_tilt(1.0, 0.0, 1.0)
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 40), np.linspace(-0.4, 0.4, 40))
+    rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
+    steep = rays * (leaning.distance_m / (rays @ leaning.normal_c))[:, None]
+    assert plane(steep).status is vision.PlaneStatus.WALL
+    assert plane(steep, plane_max_tilt_rad=1.2).ok
+    cloud = floor.points(0)
+    usual = plane(cloud)
+    alike = plane(cloud, plane_noise_cluster=4.0)
+    np.testing.assert_allclose(alike.covariance, 4.0 * usual.covariance)
+    assert plane(cloud, plane_band_m=0.001).inliers < 0.7 * usual.inliers
+    assert plane(cloud, plane_band_sigmas=1.0).inliers < 0.8 * usual.inliers
+    assert plane(cloud, plane_min_points=3001).status is vision.PlaneStatus.TOO_FEW
+
+
+@pytest.mark.unit
 def test_depth_without_ground_only_lengthens_the_interval(floor: Floor) -> None:
     camera = started(floor)
     nothing = np.full((2000, 3), np.nan, np.float32)

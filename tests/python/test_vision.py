@@ -149,8 +149,15 @@ def test_trackers_refuse() -> None:
         vision.FeatureTracker(64, 48, tracks=0)
     with pytest.raises(ValueError, match="speed: no such option of the tracker"):
         vision.FeatureTracker(64, 48, speed=3)
-    with pytest.raises(ValueError, match="tracks: a number expected, got str"):
+    with pytest.raises(ValueError, match="tracks: a whole number expected, got str"):
         vision.FeatureTracker(64, 48, tracks="many")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"tracks: a whole number expected, got 2\.5"):
+        vision.FeatureTracker(64, 48, tracks=2.5)
+    with pytest.raises(ValueError, match="quality: a number expected, got str"):
+        vision.FeatureTracker(64, 48, quality="high")  # type: ignore[arg-type]
+    for seed in (-1, 2**64):
+        with pytest.raises(ValueError, match=f"seed: a whole number from 0 on expected, got {seed}"):
+            vision.EgoMotion(camera(), seed=seed)
     with pytest.raises(ValueError, match="max_gap_s: -1"):
         vision.EgoMotion(camera(), max_gap_s=-1.0)
     with pytest.raises(ValueError, match="depth_offset_m: three finite numbers"):
