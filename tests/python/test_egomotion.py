@@ -287,8 +287,10 @@ def test_names_that_are_times_are_of_one_clock(rendered: Path, tmp_path: Path, a
     assert "4 frames without a depth frame" in text
     tracks = tmp_path / "tracks.mp4"
     text = run(*command, tmp_path / "other", "--tracks", tracks, code=2).output
-    assert "depth from 7.000000 s on, but the pictures begin at 1305031100.000000 s" in text
+    assert "depth of 7.000000 … 7.150000 s, but the frames are of 1305031100.000000 … 1305031100.350000 s" in text
     assert not tracks.exists()  # a begun one is not left behind
+    tracks.mkdir()
+    assert "cannot be written" in run(*command, tmp_path / "late", "--tracks", tracks, code=2).output
 
 
 @needs_opencv

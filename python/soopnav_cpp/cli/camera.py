@@ -107,8 +107,9 @@ def egomotion(
       plane_max_tilt_deg = 60.0            # more is a wall
 
     The ground is one of: --depth, a folder with a file per frame (.npy or .npz of points (n, 3) or of a depth image,
-    .pcd, .png of 16 bits in millimetres), --plane, or --height. The truth is a TUM file, or a CSV with time_s,
-    position_x_m, position_y_m, heading_rad; with it errors and their consistency (NEES) are told.
+    .pcd, .png of 16 bits in millimetres; the n-th file belongs to the n-th frame, unless names are times: 12.05.npy),
+    --plane, or --height. Frames whose time stamp goes back or leaps ahead alone are left out. The truth is a TUM file,
+    or a CSV with time_s, position_x_m, position_y_m, heading_rad; with it errors and their consistency (NEES) are told.
 
     Writes trajectory.tum and .csv, increments.csv (each with its covariance and status), walk.png, increments.png,
     frames with their tracks, metrics.json and report.html. Exit code 2 when no increment could be measured.

@@ -180,10 +180,10 @@ class _Depth:
         self._within_s = 0.6 / rate_hz
         self._missing = 0
         self._found = False
+        self._asked_s = (math.inf, -math.inf)
         self.warnings: list[str] = []
         if ground.depth is not None:
             self._folder = io.read_depth(ground.depth, camera=None if file.depth is None else file.depth.camera)
-            self._path = ground.depth
         else:
             assert ground.height_m is not None  # the command saw to it
             self._plane = GroundPlane.from_tilt(
@@ -194,6 +194,7 @@ class _Depth:
         """What `EgoMotion.step` is to be told about the ground at a frame of that number and time."""
         if self._folder is None:
             return {"plane": self._plane}
+        self._asked_s = min(self._asked_s[0], t_s), max(self._asked_s[1], t_s)
         i = self._folder.index_of(number, t_s, within_s=self._within_s, first_s=self._first_s)
         if i is None:
             self._missing += 1
@@ -212,14 +213,17 @@ class _Depth:
         Raises
         ------
         ValueError
-            Where times are of two clocks: no frame had any depth.
+            Where both have times and no frame had any depth.
         """
-        folder = self._folder
-        if folder is not None and not self._found and folder.first_s is not None and self._first_s is not None:
-            raise ValueError(
-                f"{self._path}: depth from {folder.first_s:.6f} s on, but the pictures begin at {self._first_s:.6f} s; "
-                "names that are times of the same clock expected"
-            )
+        folder, first_s = self._folder, self._first_s
+        if folder is not None and folder.t_s is not None and folder.first_s is not None and first_s is not None:
+            has = f"{folder.first_s:.6f} … {folder.first_s + folder.t_s[-1]:.6f} s"
+            asked = f"{first_s + self._asked_s[0]:.6f} … {first_s + self._asked_s[1]:.6f} s"
+            if not self._found:
+                raise ValueError(
+                    f"{folder.folder}: depth of {has}, but the frames are of {asked}; names that are times of one "
+                    "clock expected"
+                )
         if self._missing:
             self.warnings.append(f"{self._missing} frames without a depth frame")
 
@@ -355,7 +359,8 @@ def follow(
         try:
             io.write_video(tracks_path, drawn(), rate_hz=max(1.0, video.rate_hz / every))
         except ValueError:
-            tracks_path.unlink(missing_ok=True)  # what is begun is no video
+            if tracks_path.is_file():
+                tracks_path.unlink()  # what is begun is no video
             raise
     if clock.left_out:
         warnings.append(f"{clock.left_out} frames whose time does not follow that of the frame before: left out")
