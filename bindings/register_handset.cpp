@@ -317,7 +317,7 @@ py::tuple run_all(HandsetLocator& self, const RealArray<"frame_s">& frame_s, con
       }
     };
     for (std::size_t e = 0; e < n; ++e) {
-      frames_until(epoch_s[e]);
+      if (std::isfinite(epoch_s[e])) frames_until(epoch_s[e]);  // a refused epoch says nothing of frames
       const HandsetReport report =
           self.update_ranges(ranges.span().subspan(e * L, L), at(sigma.span(), e, L), epoch_s[e]);
       const HandsetEstimate x = self.estimate();

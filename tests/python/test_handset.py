@@ -96,6 +96,35 @@ def test_dropped_frames_coast_and_links_may_be_silent(world):
     assert found.error_m(world.position_m)[160:].max() < 3.0
 
 
+def test_an_epoch_without_a_time_uses_up_no_frames(world):
+    times = world.epoch_s.copy()
+    times[50] = np.nan
+    found = started(world, particles=50).run(
+        world.frame_s, world.increments, times, world.ranges_m, sigma_m=1.0, track_covariance=VARIANCES
+    )
+    assert found.use[50] is HandsetUse.NOT_FINITE
+    assert set(found.use[:50]) | set(found.use[51:]) == {HandsetUse.USED}
+    assert set(found.frame_use) == {HandsetUse.USED}
+    assert found.error_m(world.position_m)[-1] < 1.5
+
+
+def test_a_glitch_of_a_kilometre_coasts(world):
+    increments = world.increments.copy()
+    increments[100] = [1000.0, 0.0, 0.0]
+    found = run(started(world), world, increments=increments)
+    assert found.frame_use[100] is HandsetUse.TOO_FAST
+    assert found.error_m(world.position_m)[-50:].max() < 1.5
+    with pytest.raises(ValueError, match="max_speed_mps: -1"):
+        started(world, max_speed_mps=-1.0)
+
+
+def test_a_clock_unknown_by_a_second(world):
+    found = run(started(world, clock_sigma_m=3e8), world)
+    assert np.isfinite(found.position_m).all()
+    assert found.error_m(world.position_m)[-50:].max() < 1.5
+    assert (np.linalg.det(found.covariance_m2) > 0.0).all()
+
+
 def test_particles_are_means_or_draws(world):
     one = started(world, particles=64)
     one.update_ranges(world.ranges_m[0], 1.0, 0.0)
@@ -166,6 +195,8 @@ def test_worlds_and_schedules_repeat_and_refuse():
         NlosSchedule.generate(10, 0.1, max_blocked=9)
     with pytest.raises(ValueError, match="epochs"):
         NlosSchedule.generate(0, 0.1)
+    far = NlosSchedule.generate(10, 0.1, excess_walk_m2ps=1e40)
+    assert (far.excess_m <= 20.0).all()
 
 
 def test_switches_are_told_from_their_absence():
