@@ -128,6 +128,19 @@ def _square(name: str, value: npt.ArrayLike | None, n: int) -> _Array:
     return np.diag(array) if array.shape == (n,) else array
 
 
+def _each_link(name: str, value: npt.ArrayLike, links: int) -> _Array:
+    array = floats(name, value)
+    if array.shape != (links,):
+        raise ValueError(f"{name}: shape ({links},) expected, got {array.shape}")
+    return array
+
+
+def _all_links(name: str, value: npt.ArrayLike, links: int) -> _Array:
+    """The same, or one number for all."""
+    array = floats(name, value)
+    return np.full(links, float(array)) if array.ndim == 0 else _each_link(name, array, links)
+
+
 class HandsetLocator:
     """Ranges, bearings and steps of a camera in, a position out (nielsen 4.2.3).
 
@@ -305,9 +318,14 @@ class HandsetLocator:
         Returns
         -------
         HandsetReport
+
+        Raises
+        ------
+        ValueError
+            For shapes that do not fit.
         """
         return self._core.update_ranges(
-            floats("ranges_m", ranges_m), np.broadcast_to(floats("sigma_m", sigma_m), (self.links,)), t_s
+            _each_link("ranges_m", ranges_m, self.links), _all_links("sigma_m", sigma_m, self.links), t_s
         )
 
     def update_bearings(
@@ -335,13 +353,18 @@ class HandsetLocator:
         Returns
         -------
         HandsetReport
+
+        Raises
+        ------
+        ValueError
+            For shapes that do not fit.
         """
         return self._core.update_bearings(
-            floats("bearings_rad", bearings_rad),
-            np.broadcast_to(floats("sigma_rad", sigma_rad), (self.links,)),
+            _each_link("bearings_rad", bearings_rad, self.links),
+            _all_links("sigma_rad", sigma_rad, self.links),
             t_s,
             of_body,
-            _NONE if mirror_rad is None else floats("mirror_rad", mirror_rad),
+            _NONE if mirror_rad is None else _each_link("mirror_rad", mirror_rad, self.links),
         )
 
     def estimate(self) -> HandsetEstimate:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import LinkStatus, Material
+from soopnav_cpp._source_inputs import floats
 
 __all__ = ["IndoorLinks", "IndoorRoom", "LinkStatus", "Material", "RoomWall", "excess_delays", "slab_response"]
 
@@ -29,10 +30,7 @@ def _material(name: str, value: str | Material) -> Material:
 
 
 def _places(name: str, value: npt.ArrayLike, height_m: float) -> _Floats:
-    try:
-        places: _Floats = np.atleast_2d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: numbers of shape (n, 2) or (n, 3) expected") from None
+    places: _Floats = np.atleast_2d(floats(name, value))
     if places.ndim != 2 or places.shape[1] not in (2, 3):
         raise ValueError(f"{name}: shape (n, 2) or (n, 3) expected, got {places.shape}")
     if places.shape[1] == 2:
@@ -314,10 +312,17 @@ class IndoorRoom:
         -------
         IndoorLinks
             A place that is not finite, within 0.1 m of the node, or shielded has a status and no taps.
+
+        Raises
+        ------
+        ValueError
+            For shapes that do not fit and nodes that are not finite.
         """
-        status, sight, *rest = self._core.links(
-            _places("nodes_m", nodes_m, self.antenna_height_m), _places("places_m", places_m, self.antenna_height_m)
-        )
+        nodes = _places("nodes_m", nodes_m, self.antenna_height_m)
+        bad = np.flatnonzero(~np.isfinite(nodes).all(axis=1))
+        if bad.size:
+            raise ValueError(f"nodes_m: node {bad[0]} is not finite ({nodes[bad[0]]})")
+        status, sight, *rest = self._core.links(nodes, _places("places_m", places_m, self.antenna_height_m))
         return IndoorLinks(status, sight.astype(bool), *rest)
 
     def link(self, node_m: npt.ArrayLike, place_m: npt.ArrayLike) -> IndoorLinks:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import ClockMotion, NodeMapStatus
+from soopnav_cpp._source_inputs import floats
 
 __all__ = ["NodeMap", "NodeMapStatus", "NodeStart", "locate_nodes", "start_node"]
 
@@ -114,10 +115,7 @@ class NodeStart:
 
 
 def _table(name: str, value: npt.ArrayLike, columns: tuple[int, ...] | None) -> _Floats:
-    try:
-        table: _Floats = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: a table of numbers expected") from None
+    table: _Floats = floats(name, value)
     if table.ndim != 2 or (columns is not None and table.shape[1] not in columns):
         shapes = "(n, L)" if columns is None else " or ".join(f"(n, {c})" for c in columns)
         raise ValueError(f"{name}: shape {shapes} expected, got {table.shape}")
@@ -193,11 +191,11 @@ def locate_nodes(
     n, links = ranges.shape
     if clock not in _CLOCKS:
         raise ValueError(f"clock: {clock!r}; one of {', '.join(_CLOCKS)} expected")
-    times = 0.1 * np.arange(n) if t_s is None else np.asarray(t_s, dtype=np.float64).reshape(-1)
-    sigma = np.asarray(sigma_m, dtype=np.float64)
+    times = 0.1 * np.arange(n) if t_s is None else floats("t_s", t_s).reshape(-1)
+    sigma = floats("sigma_m", sigma_m)
     if sigma.shape not in ((), ranges.shape):
         raise ValueError(f"sigma_m: one number or shape {ranges.shape} expected, got {sigma.shape}")
-    heights = np.asarray(heights_m, dtype=np.float64)
+    heights = floats("heights_m", heights_m)
     if heights.shape not in ((), (links,)):
         raise ValueError(f"heights_m: one number or shape ({links},) expected, got {heights.shape}")
     if seed < 0:

@@ -157,6 +157,12 @@ class SoundingRecord:
         null_db : float
             Weaker lines of the pulse are named in ``nulls_hz`` and not used.
         """
+        if not (np.isfinite(bandwidth_hz) and bandwidth_hz > 0.0):
+            raise ValueError(f"bandwidth_hz: {bandwidth_hz}; a positive number expected")
+        if not np.isfinite(delay_window_s).all():
+            raise ValueError(f"delay_window_s: {delay_window_s}; finite numbers expected")
+        if not np.isfinite(null_db):
+            raise ValueError(f"null_db: {null_db}; a finite number expected")
         # What is not finite is no channel, and says nothing of the mean gain.
         flat = self.lines.reshape(-1, self.lines.shape[-1])
         good = np.isfinite(flat).all(axis=1)

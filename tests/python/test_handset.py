@@ -1,5 +1,6 @@
 """HandsetLocator, HandsetWorld and NlosSchedule from Python; experiments nielsen-17 and nielsen-sgl."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -173,7 +174,24 @@ def test_bad_nodes_and_shapes_are_refused(world):
         locator.run(
             world.frame_s, world.increments, world.epoch_s, world.ranges_m, sigma_m=1.0, track_covariance=[1.0, 2.0]
         )
-    assert locator.update_ranges([1.0, 2.0], 1.0, 0.0).use is HandsetUse.NOT_FINITE
+    fits = np.full(6, 30.0)
+    for ranges, sigma, sentence in [
+        ([1.0, 2.0], 1.0, "ranges_m: shape (6,) expected, got (2,)"),
+        (fits, [1.0, 2.0], "sigma_m: shape (6,) expected, got (2,)"),
+        (fits, np.ones((6, 1)), "sigma_m: shape (6,) expected, got (6, 1)"),
+        (fits[None], 1.0, "ranges_m: shape (6,) expected, got (1, 6)"),
+        (1j * fits, 1.0, "ranges_m: real numbers"),
+    ]:
+        with pytest.raises(ValueError, match=re.escape(sentence)):
+            locator.update_ranges(ranges, sigma, 0.0)
+    angles = np.zeros(6)
+    with pytest.raises(ValueError, match="bearings_rad: shape"):
+        locator.update_bearings(angles[1:], 0.1, 0.0)
+    with pytest.raises(ValueError, match="sigma_rad: shape"):
+        locator.update_bearings(angles, [0.1, 0.1], 0.0)
+    with pytest.raises(ValueError, match="mirror_rad: shape"):
+        locator.update_bearings(angles, 0.1, 0.0, mirror_rad=angles[1:])
+    assert locator.update_ranges(fits, 1.0, np.nan).use is HandsetUse.NOT_FINITE
     with pytest.raises(ValueError, match="seed"):
         locator.reset(-1)
 

@@ -157,12 +157,27 @@ def test_bad_channels_and_bands():
         one.emulate(1e3)
     with pytest.raises(ValueError, match="delay_high_s"):
         one.emulate(5e6, delay_window_s=(0.0, 1e-3))
+    for width in (np.nan, np.inf, -1.0, 0.0):
+        with pytest.raises(ValueError, match=r"bandwidth_hz: .*a positive number expected"):
+            one.emulate(width)
+    with pytest.raises(ValueError, match="delay_window_s"):
+        one.emulate(5e6, delay_window_s=(np.nan, 1e-6))
+    with pytest.raises(ValueError, match="null_db"):
+        one.emulate(5e6, null_db=np.nan)
     with pytest.raises(ValueError, match="at least one place"):
         ChannelSounder().record([])
     with pytest.raises(ValueError, match="period_s"):
         ChannelSounder(period_s=1.0003e-5)
     with pytest.raises(ValueError, match="n_rb"):
         subcarrier_hz(7)
+
+
+def test_nodes_of_a_room_are_finite():
+    room = IndoorRoom.rectangle(8.0, 6.0)
+    with pytest.raises(ValueError, match="nodes_m: node 1 is not finite"):
+        room.links([[1.0, 1.0], [np.nan, 2.0]], [[3.0, 3.0]])
+    with pytest.raises(ValueError, match="places_m: real numbers"):
+        room.links([[1.0, 1.0]], [[3.0j, 3.0]])
 
 
 def rewritten(path, change):
@@ -289,7 +304,10 @@ def test_what_is_not_told_is_named():
         ({"heights_m": [1.0]}, "heights_m"),
         ({"ranges_m": np.zeros((7, 4))}, "ranges_m: 120 rows"),
         ({"track_m": np.full((120, 2), np.nan)}, "track_m: 0; this place is not finite"),
-        ({"track_m": "here"}, "track_m: a table of numbers"),
+        ({"track_m": "here"}, "track_m: numbers expected"),
+        ({"ranges_m": np.full((120, 4), 30.0 + 1.0j)}, "ranges_m: real numbers"),
+        ({"sigma_m": 1.0j}, "sigma_m: real numbers"),
+        ({"heights_m": "high"}, "heights_m: numbers expected"),
         ({"starts": 0}, "starts"),
     ],
 )
