@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from soopnav_cpp import scenarios, vision
+from soopnav_cpp import lte, scenarios, vision
 from soopnav_cpp.config import ConfigError
 from soopnav_cpp.scenarios import base, report
+from soopnav_cpp.scenarios import handset_frames as frames
 from soopnav_cpp.scenarios import handset_pipeline as pipeline
 from soopnav_cpp.scenarios.execution import execute, seed_of_run
 from soopnav_cpp.scenarios.handset import EXAMPLE, Handset, HandsetScenario
@@ -144,6 +145,46 @@ def test_a_run_from_iq_and_frames() -> None:
     np.testing.assert_array_equal(again.steps[-1].increment, observed.steps[-1].increment)
 
 
+def test_cells_that_the_search_misses_come_from_the_list_of_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = small_frames(nlos={"most": 0})
+    heard = lte.search
+    monkeypatch.setattr(lte, "search", lambda *a, **k: [one for one in heard(*a, **k) if one.cell_id != 37])
+    world = pipeline.walk(scenario, 5)
+    assert frames.tell_cells(frames._Air(scenario, world, 5))[1] is None
+    helped = scenario.model_copy(update={"lte": scenario.lte.model_copy(update={"neighbours": True})})
+    air = frames._Air(helped, world, 5)
+    told = frames.tell_cells(air)
+    assert [one.cell_id for one in told] == air.ids
+    assert (told[1].n_rb, told[1].n_ports) == (15, 1)
+    assert told[1].cfo_hz == pytest.approx(air.cfo_hz, abs=50.0)
+    ranger = lte.SnapshotRanger(air.rate_hz, told)
+    guess = [math.remainder(one.frame_start_s, 10e-3) for one in told]
+    seen = ranger.range(air.hear(2, 1.15e-3), guess, [one.cfo_hz for one in told])
+    assert int(seen.status[1]) == 0
+    away = float(np.linalg.norm(np.append(world.position_m[2], 0.0) - world.nodes_m[1]))
+    assert 299_792_458.0 * (seen.toa_s[1] - 25e-6) - away - world.clock_m[2] == pytest.approx(0.0, abs=30.0)
+    # Nothing found: there is nobody to be a neighbour of.
+    monkeypatch.setattr(lte, "search", lambda *a, **k: [])
+    assert frames.tell_cells(air) == [None] * 6
+
+
+def test_the_filter_is_told_of_multipath_that_stays() -> None:
+    def told(stage: str = "iq_and_frames", **radio: Any) -> dict[str, Any]:
+        scenario = short(stage=stage, lte=radio)
+        locator = pipeline._locators(scenario, pipeline.walk(scenario, 1), 1)[0]
+        assert locator.dimension == 12 + (6 if pipeline.multipath_of(scenario).get("multipath_sigma_m") else 0)
+        return pipeline.multipath_of(scenario)
+
+    assert told("observables") == {}
+    assert told() == {"multipath_sigma_m": pytest.approx(0.333, abs=1e-3), "multipath_length_m": 10.0}
+    assert told(n_rb=50)["multipath_sigma_m"] == pytest.approx(0.666, abs=1e-3)
+    assert told(multipath="none")["multipath_sigma_m"] == 0.0
+    assert told(multipath_sigma_m=0.5, multipath_length_m=3.0) == {
+        "multipath_sigma_m": 0.5,
+        "multipath_length_m": 3.0,
+    }
+
+
 # ---- many runs
 
 
@@ -179,6 +220,7 @@ def test_the_gallery_from_iq_and_frames_holds_too() -> None:
     assert not results.failed
     assert results.pooled["position"]["rmse_m"] <= 0.6
     assert results.pooled["baselines"][pipeline.ALONE]["rmse_m"] >= 5.0 * results.pooled["position"]["rmse_m"]
+    assert 0.5 <= results.pooled["nees"]["mean"] / 2.0 <= 2.0  # of two degrees of freedom
 
 
 # ---- files, and what is refused

@@ -101,7 +101,13 @@ class LteSettings(Model):
         Epochs per second.
     sigma_m : float
         Of a range, in the stage observables; in the other stage what the filter adds to the deviation that is measured,
-        for paths that could not be told apart.
+        for paths that could not be told apart and whose phases are others at the next epoch.
+    multipath_sigma_m : float, optional
+        In the stage iq_and_frames: of what such paths add to a range for metres on end, as the filter is told
+        (`HandsetLocator`, ``multipath_sigma_m``). Without it 2 % of the length that the bandwidth can tell apart,
+        c / (n_rb 180 kHz), where there is multipath.
+    multipath_length_m : float, optional
+        Walked until that is another. Without it half of the room's side.
     n_rb : int
         Resource blocks of each cell, in the stage iq_and_frames.
     n_ports : int
@@ -114,6 +120,8 @@ class LteSettings(Model):
         Share of the resource elements for data that each cell sends: noise to the other cells' reference signals.
     subframes : int
         That are averaged at each epoch.
+    neighbours : bool
+        Cells that the search misses are taken from the network's list of neighbours.
     multipath : str
         "room": image paths and diffuse tail of a room with brick walls and windows; "none": one path per cell.
     time_offset_s : float
@@ -122,12 +130,15 @@ class LteSettings(Model):
 
     rate_hz: Annotated[float, Field(ge=0.5, le=50.0)] = 10.0
     sigma_m: Positive = 1.0
+    multipath_sigma_m: NotNegative | None = None
+    multipath_length_m: Positive | None = None
     n_rb: Literal[6, 15, 25, 50, 75, 100] = 100
     n_ports: Literal[1, 2] = 2
     snr_db: Annotated[float, Field(ge=-10.0, le=40.0)] = 20.0
     spread_db: Annotated[float, Field(ge=0.0, le=20.0)] = 6.0
     load: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
     subframes: Annotated[int, Field(ge=1, le=10)] = 1
+    neighbours: bool = False
     multipath: Literal["room", "none"] = "room"
     time_offset_s: float = 0.0
 

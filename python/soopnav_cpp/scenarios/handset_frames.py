@@ -3,7 +3,8 @@ measured in them. Two threads: a radio's and a camera's; the C++ underneath lets
 
 Radio: at each epoch a millisecond that holds a frame's first subframe of every cell, through the paths of a room with
 brick walls and windows, with the excess delay of links that are shut, the handset's clock and its carrier offset. The
-first epochs are longer: the cells are searched in them, and only those that are found are ranged. Camera: a frame and
+first epochs are longer: the cells are searched in them, and only those that are found, or that the network's list of
+neighbours names (``lte.neighbours``), are ranged. Camera: a frame and
 the cloud of a depth sensor, of a textured floor.
 """
 
@@ -27,6 +28,7 @@ _Array = npt.NDArray[np.float64]
 _C_MPS = 299_792_458.0
 _LEAD_S = 25e-6  # of a snapshot before its subframe: clocks may be early
 _SUBFRAME_S = 1e-3
+_FRAME_S = 10e-3
 _SEARCH_S = 20e-3  # of the first epochs, in which the cells are searched
 _SEARCHES = 3  # at most, as long as cells are missing
 _MOST_CFO_HZ = 500.0
@@ -110,14 +112,31 @@ class _Air:
 
 
 def tell_cells(air: _Air) -> list[Any]:
-    """What searches in the first epochs find, None for a cell that all of them miss."""
+    """What searches in the first epochs find, None for a cell that all of them miss.
+
+    With ``lte.neighbours`` a cell that is missed is taken from the network's list instead, which has its identity,
+    bandwidth and ports. Its frame begins with those of the cells found, for the network is synchronous and the nodes
+    are tens of metres apart, well within the ranger's window; its carrier is off by the handset's oscillator, as
+    theirs are.
+    """
     found: dict[int, Any] = {}
     for k in range(min(_SEARCHES, len(air.world.epoch_s))):
         for one in lte.search(air.hear(k, _SEARCH_S), air.rate_hz, max_cfo_hz=2000.0):
             found.setdefault(one.cell_id, one)
         if set(air.ids) <= set(found):
             break
-    return [found.get(cell_id) for cell_id in air.ids]
+    told = [found.get(cell_id) for cell_id in air.ids]
+    heard = [one for one in told if one is not None]
+    if air.scenario.lte.neighbours and heard:
+        start_s = float(np.median([_near_zero(one.frame_start_s) for one in heard])) % _FRAME_S
+        cfo_hz = float(np.median([one.cfo_hz for one in heard]))
+        blocks, ports = air.scenario.lte.n_rb, air.scenario.lte.n_ports
+        for i, cell_id in enumerate(air.ids):
+            if told[i] is None:
+                told[i] = lte.Detection(
+                    cell_id=cell_id, frame_start_s=start_s, cfo_hz=cfo_hz, n_rb=blocks, n_ports=ports
+                )
+    return told
 
 
 def _radio(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[_Array, _Array, list[str], dict[str, float]]:
@@ -156,7 +175,7 @@ def _radio(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[_Array, _
 
 def _near_zero(frame_start_s: float) -> float:
     """The frame that starts within half of one from the first sample."""
-    return math.remainder(frame_start_s, 10e-3)
+    return math.remainder(frame_start_s, _FRAME_S)
 
 
 def _follow(

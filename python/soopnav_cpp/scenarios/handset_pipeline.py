@@ -39,6 +39,9 @@ _Array = npt.NDArray[np.float64]
 ALONE = "LTE alone"
 _CLOUD_HZ = 2.0  # particles are kept so often
 _CLOUD = 300  # and so many
+_C_MPS = 299_792_458.0
+_BLOCK_HZ = 180e3  # a resource block
+_MULTIPATH_SHARE = 0.02  # of the length that a bandwidth resolves
 _EPOCH_OFFSET_S = 0.02  # of radio epochs after frames
 _STREAM_START, _STREAM_DROPPED = range(2)  # of a run's seed
 
@@ -253,6 +256,26 @@ def frames_kept(scenario: HandsetScenario, count: int, seed: int) -> list[int]:
     return [k for k in range(count) if k == 0 or drawn[k] >= share]
 
 
+def multipath_of(scenario: HandsetScenario) -> dict[str, Any]:
+    """What the filter is told of range errors that stay for metres; nothing where ranges are drawn without them.
+
+    A first path that is not told apart from the ones behind it is drawn towards them by a share of the length that the
+    bandwidth resolves. Most of it turns with the carrier's phase and is new at each epoch (``lte.sigma_m``); what is
+    left goes with the delays themselves, which change over the size of the room. The share of 2 % is that of ranges
+    from `lte.SnapshotRanger` in the rooms of `handset_frames.room_of`.
+    """
+    radio = scenario.lte
+    if scenario.stage != "iq_and_frames":
+        return {}
+    sigma = radio.multipath_sigma_m
+    if sigma is None:
+        sigma = 0.0 if radio.multipath == "none" else _MULTIPATH_SHARE * _C_MPS / (_BLOCK_HZ * radio.n_rb)
+    length = radio.multipath_length_m
+    if length is None:
+        length = 0.5 * scenario.room.size_m
+    return {"multipath_sigma_m": sigma, "multipath_length_m": length}
+
+
 def _locators(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[Any, Any]:
     """The particle filter, and the Kalman filter that has ranges alone."""
     nlos, half = scenario.nlos, 0.5 * scenario.room.size_m
@@ -281,6 +304,7 @@ def _locators(scenario: HandsetScenario, world: Walk, seed: int) -> tuple[Any, A
         excess_max_m=nlos.excess_m[1],
         excess_walk_m2ps=nlos.wander_m_per_sqrt_s**2,
         room_m=corners if scenario.room.walls else None,
+        **multipath_of(scenario),
         **common,
     )
     alone = navigation.HandsetLocator.lte_alone(world.nodes_m, **common)
