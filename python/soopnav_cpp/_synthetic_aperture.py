@@ -326,6 +326,12 @@ class SyntheticAperture:
         ----------
         phasors, wavelength_m, time_s
             As of `bearings`.
+
+        Returns
+        -------
+        BlindAperture
+            ``TOO_FEW_COHERENT`` where a link's coherence with the answer is below the threshold; the message names the
+            worst one, and the others may answer without it while five remain.
         """
         y = np.asarray(phasors, dtype=np.complex128)
         if y.ndim != 2:

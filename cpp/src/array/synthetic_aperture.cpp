@@ -238,6 +238,7 @@ struct SyntheticAperture::Work {
   }
   void fit(const ApertureOptions& options, std::size_t reference, ReceiverPhase receiver, bool path_error, int& steps);
   void measure_coherence(ReceiverPhase receiver, const ApertureOptions& options);
+  [[nodiscard]] std::size_t least_coherent_blind();
 };
 
 // One reference link: starts, coarse fits, the best two finished. `best` is empty-handed when nothing was found.
@@ -324,6 +325,19 @@ void SyntheticAperture::Work::measure_coherence(ReceiverPhase receiver, const Ap
     coherence[i] = std::min(1.0, value);
     los[i] = coherence[i] >= options.coherence_threshold ? 1 : 0;
   }
+}
+
+// Coherence of each link with a path of three free numbers per snapshot, and the link with least of it.
+std::size_t SyntheticAperture::Work::least_coherent_blind() {
+  const ApertureModel& m = model;
+  coherence.assign(m.nodes, 0.0);
+  for (std::size_t i = 0; i < m.nodes; ++i) {
+    std::complex<double> sum = 0.0;
+    for (std::size_t k = 0; k < m.n; ++k) sum += m.y[k * m.nodes + i] * std::polar(1.0, -m.phase_of(i, k) - m.psi[k]);
+    const auto n = static_cast<double>(m.n);
+    coherence[i] = std::min(1.0, std::norm(sum) / (n * n * m.power[i]));
+  }
+  return static_cast<std::size_t>(std::min_element(coherence.begin(), coherence.end()) - coherence.begin());
 }
 
 SyntheticAperture::SyntheticAperture(const ApertureOptions& options) : options_(options) {
@@ -477,6 +491,12 @@ BlindAperture SyntheticAperture::estimate_blind(const ApertureData& data) {
   out.noise_variance = m.noise[0];
   out.status = ApertureStatus::kNoConvergence;
   if (!settled) return out;
+  const std::size_t worst = w.least_coherent_blind();
+  if (w.coherence[worst] < options_.coherence_threshold) {
+    out.index = static_cast<int>(worst);
+    out.status = ApertureStatus::kTooFewCoherent;
+    return out;
+  }
   out.status = ApertureStatus::kSingular;
   if (!m.invert()) return out;
   const std::size_t nodes = m.nodes;

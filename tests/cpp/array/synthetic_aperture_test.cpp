@@ -209,6 +209,53 @@ TEST(SyntheticAperture, BlindFindsAnglesUpToAMirror) {
   EXPECT_EQ(aperture.estimate_blind(four.data()).status, ApertureStatus::kTooFewNodes);
 }
 
+// Three free numbers per snapshot fit much of anything: only coherence tells signals from noise.
+TEST(SyntheticAperture, BlindRefusesNoise) {
+  Walk w = walk(50, {0.4, 1.5, 2.9, -2.2, -0.8, 0.9}, 1.0, 9);
+  SyntheticAperture aperture;
+  for (const std::uint64_t seed : {1U, 3U}) {
+    RandomStream noise(seed + 500);
+    for (Cf64& y : w.y) {
+      const double re = noise.normal(0.0, 1.0);
+      y = {re, noise.normal(0.0, 1.0)};
+    }
+    const BlindAperture found = aperture.estimate_blind(w.data());
+    EXPECT_EQ(found.status, ApertureStatus::kTooFewCoherent) << to_string(found.status);
+    EXPECT_GE(found.index, 0);
+    EXPECT_TRUE(found.bearing_rad.empty());
+  }
+}
+
+TEST(SyntheticAperture, BlindNamesALinkThatFades) {
+  const std::size_t nodes = 6, lost = 2;
+  int named = 0;
+  for (const std::uint64_t seed : {1U, 3U, 4U}) {
+    Walk w = walk(150, {0.4, 1.5, 2.9, -2.2, -0.8, 0.9}, 100.0, seed);
+    const Walk clean = walk(150, w.bearing, 1e12, seed);
+    RandomStream draw(seed + 500);
+    std::vector<double> direction, phase;
+    for (int q = 0; q < 24; ++q) {
+      direction.push_back(draw.uniform(0.0, kTwoPi));
+      phase.push_back(draw.uniform(0.0, kTwoPi));
+    }
+    for (std::size_t k = 0; k < 150; ++k) {  // the direct wave of one link gives way to plane waves from all around
+      const double x = w.path[2 * k], y = w.path[2 * k + 1];
+      Cf64 sum = 0.0;
+      for (std::size_t q = 0; q < 24; ++q) {
+        sum += std::polar(std::sqrt(100.0 / 24.0),
+                          phase[q] + kTwoPi / kLambda * (std::cos(direction[q]) * x + std::sin(direction[q]) * y));
+      }
+      const double direct = std::arg(clean.y[k * nodes + lost]);
+      const double way = kTwoPi / kLambda * (std::cos(w.bearing[lost]) * x + std::sin(w.bearing[lost]) * y);
+      w.y[k * nodes + lost] += sum * std::polar(1.0, direct - way) - std::polar(10.0, direct);
+    }
+    const BlindAperture found = SyntheticAperture().estimate_blind(w.data());
+    EXPECT_NE(found.status, ApertureStatus::kOk) << seed;
+    if (found.status == ApertureStatus::kTooFewCoherent && found.index == static_cast<int>(lost)) ++named;
+  }
+  EXPECT_EQ(named, 3);
+}
+
 TEST(SyntheticAperture, RefusesBadSetUp) {
   EXPECT_THROW(SyntheticAperture({.noise_variance = -1.0}), std::invalid_argument);
   EXPECT_THROW(SyntheticAperture({.coherence_threshold = 1.0}), std::invalid_argument);

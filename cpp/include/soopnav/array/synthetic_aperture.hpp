@@ -122,6 +122,8 @@ class SyntheticAperture {
   /// centred over nodes and factorised as points seen by a moving camera are; the circle that directions lie on fixes
   /// the affine freedom (eq. 9), and maximum likelihood over bearings and path polishes. Never absolute, and the mirror
   /// image fits as well. A step may turn the phase between two nodes by less than half a turn, noise included.
+  /// No link is left out: one whose coherence with the answer is below the threshold (noise alone, a link that fades)
+  /// makes it kTooFewCoherent with that link's index; the others may be tried without it while five remain.
   [[nodiscard]] BlindAperture estimate_blind(const ApertureData& data);
 
   [[nodiscard]] const ApertureOptions& options() const noexcept { return options_; }
