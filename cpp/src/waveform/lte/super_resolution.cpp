@@ -248,11 +248,12 @@ ResolveStatus PathResolver::Impl::resolve(const ChannelView& channel, ResolvedPa
   if (options.polish) {
     double least = cost(one);
     PathFit::Solution trial;
+    SmallCholesky<double, kMaxResolved> definite;  // a path that has no amplitude, or lies in another, is none
     for (int k = 2; k <= options.max_paths; ++k) {
       if (!next(k, before, window, separation, trial)) break;
       before = trial;
       const double now = cost(trial);
-      if (fixed || now < least) {
+      if ((fixed || now < least) && definite.factor(trial.information, k, 0.0)) {
         least = now;
         chosen = trial;
       } else if (k > result.subspace_order) {
