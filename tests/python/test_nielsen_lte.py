@@ -28,6 +28,13 @@ def test_one_path_is_near_its_bound_and_two_are_better_than_the_first_peak() -> 
     assert np.sum(np.square(two[:, 0])) < np.sum(np.square(two[:, 1])) / 9.0
 
 
+def test_runs_at_two_snrs_share_no_draw(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nielsen_paths, "BATCH", 12)
+    first, second = (nielsen_paths.channels_run(3, snr_db, False) for snr_db in (10.0, 20.0))
+    # The bound is an SNR's alone, errors are independent: 12 pairs correlate by 0.95 with a probability below 1e-5.
+    assert abs(np.corrcoef(first[:, 0], second[:, 0])[0, 1]) < 0.95
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nielsen-lte", "nielsen-x3"])
 def test_every_claim_holds(name: str, tmp_path: Path) -> None:

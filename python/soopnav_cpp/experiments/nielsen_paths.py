@@ -53,7 +53,7 @@ def _errors_m(resolver: dict[str, lte.PathResolver], channel: npt.NDArray[np.com
 
 def channels_run(seed: int, snr_db: float, two: bool) -> Array:
     """`BATCH` channels of one subframe: errors [m], deviation [m], order, order by eigenvalues, bound [m]."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, round(10.0 * snr_db), int(two)])  # no draw serves two SNRs or two kinds
     order = 2 if two else 1
     resolvers = {
         "ml": lte.PathResolver(),
