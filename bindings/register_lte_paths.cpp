@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cmath>
 #include <complex>
 #include <cstddef>
 #include <cstdio>
@@ -101,7 +102,15 @@ class SharedPathResolver {
     lte::ChannelView view;
     view.ports = static_cast<int>(channel.span().size() / n);
     for (std::size_t p = 0; p < static_cast<std::size_t>(view.ports); ++p) view.port[p] = channel.span().data() + p * n;
+    if (!(noise_variance >= 0.0) || !std::isfinite(noise_variance)) {
+      throw std::invalid_argument("noise_variance: " + std::to_string(noise_variance) + "; finite and >= 0 expected");
+    }
     std::vector<int> whole;
+    for (const double f : frequencies.span()) {
+      if (f != std::round(f)) {
+        throw std::invalid_argument("frequencies: " + std::to_string(f) + "; whole multiples of 15 kHz expected");
+      }
+    }
     for (const double f : frequencies.span()) whole.push_back(static_cast<int>(std::lround(std::clamp(f, -1e6, 1e6))));
     view.frequencies = whole;
     view.noise_variance = noise_variance;

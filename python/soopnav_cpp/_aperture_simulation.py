@@ -77,28 +77,36 @@ def aperture_snapshots(
     path_sigma_m_per_sqrt_step : float
         Of the path that is reported.
     seed : int
+
+    Raises
+    ------
+    ValueError
+        For values that are neither one nor one per node, and what C++ refuses, by name.
     """
     path = np.asarray(path_m, dtype=np.float64)
     times = np.asarray(0.04 * np.arange(len(path)) if time_s is None else time_s, dtype=np.float64)
     bearing = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
 
-    def of_nodes(value: npt.ArrayLike) -> _Floats:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(value, dtype=np.float64), bearing.shape))
+    def of_nodes(name: str, value: npt.ArrayLike) -> _Floats:
+        values = np.asarray(value, dtype=np.float64)
+        if values.shape not in ((), (1,), bearing.shape):
+            raise ValueError(f"{name}: shape {values.shape}; one number, or {len(bearing)}, one per node, expected")
+        return np.ascontiguousarray(np.broadcast_to(values, bearing.shape))
 
-    wavelength = of_nodes(wavelength_m)
+    wavelength = of_nodes("wavelength_m", wavelength_m)
     if clock is not None and phase_rad is not None:
         raise ValueError("clock, phase_rad: only one of them says the receiver's phase")
     phase: _Floats = np.zeros(len(times)) if phase_rad is None else np.asarray(phase_rad, dtype=np.float64)
     if clock is not None:
         bias_m = clock.simulate_at(times - times[0], seed=seed).bias_m
         phase = np.asarray(-2.0 * np.pi / wavelength[0] * (bias_m - bias_m[0]), dtype=np.float64)
-    k_factor = np.minimum(10.0 ** (of_nodes(k_factor_db) / 10.0), 1e300)
+    k_factor = np.minimum(10.0 ** (of_nodes("k_factor_db", k_factor_db) / 10.0), 1e300)
     phasors = _simulation.render_aperture(
         bearing,
         wavelength,
-        10.0 ** (of_nodes(snr_db) / 10.0),
+        10.0 ** (of_nodes("snr_db", snr_db) / 10.0),
         k_factor,
-        of_nodes(frequency_hz),
+        of_nodes("frequency_hz", frequency_hz),
         path,
         times,
         phase,

@@ -70,7 +70,8 @@ class PathResolver:
     Parameters
     ----------
     order : "mdl", "aic" or int
-        How many paths: by minimum description length, by Akaike's criterion, or so many.
+        How many paths: by minimum description length, by Akaike's criterion, or so many; never more than can be told
+        apart.
     max_paths : int
         At most, 1 ... 6.
     subspace : "esprit" or "matrix_pencil"
@@ -144,7 +145,8 @@ class PathResolver:
         CellLostError
             When no path stands out of the noise.
         ValueError
-            For a comb that is none, values that are not finite, another dtype.
+            For a comb that is none, frequencies that are not whole, values that are not finite, a negative
+            `noise_variance`, another dtype.
         """
         return self._resolver.resolve(np.ravel(channel), frequencies, noise_variance)
 
@@ -333,5 +335,8 @@ class SnapshotRanger:
             ``undetected_s`` (what a path too weak to be told apart could add to it), ``first_peak_s``, ``excess_s``,
             ``paths``, ``snr_db``, ``residual_cfo_hz``.
         """
-        offsets = np.broadcast_to(np.asarray(cfo_hz, dtype=np.float64), (len(self.cells),))
+        offsets = np.asarray(cfo_hz, dtype=np.float64)
+        if offsets.shape not in ((), (1,), (len(self.cells),)):
+            raise ValueError(f"cfo_hz: shape {offsets.shape}; one number, or {len(self.cells)}, one per cell, expected")
+        offsets = np.broadcast_to(offsets, (len(self.cells),))
         return self._ranger.range(iq, np.asarray(frame_start_s, dtype=np.float64), np.ascontiguousarray(offsets))

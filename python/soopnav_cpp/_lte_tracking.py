@@ -92,7 +92,7 @@ class CrsLoop:
         return self._loop.push(block)
 
     def skip(self, samples: int) -> None:
-        """`samples` were lost before the next block; beyond 20 ms a new arc begins."""
+        """`samples` were lost before the next block; beyond 20 ms a new arc begins. At most 2^53 in all."""
         self._loop.skip(samples)
 
     @property
@@ -219,7 +219,7 @@ def measurement_stream(
     Raises
     ------
     ValueError
-        For an option out of range or samples of another dtype.
+        For an option out of range, samples of another dtype, or a recording with a gap of more than an hour.
     """
     if isinstance(source, np.ndarray):
         if sample_rate_hz is None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import soopnav_cpp as sn
+from soopnav_cpp._core import lte as _lte
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "captures" / "lte"
@@ -58,6 +59,53 @@ def test_options_are_refused_by_name() -> None:
         sn.lte.resolve_paths((noise[0] + 1j * noise[1]).astype(np.complex64), 15.36e6, known)
     with pytest.raises(ValueError, match="channel"):
         sn.lte.PathResolver().resolve(np.zeros(30, np.complex64), np.arange(20.0))
+
+
+@pytest.mark.parametrize("options", [{"max_paths": 3}, {"max_paths": 4}, {"order": 3}])
+@pytest.mark.parametrize("seed", [1010, 1842])
+def test_paths_that_cannot_be_parted_leave_a_lower_order(seed: int, options: dict[str, int]) -> None:
+    # Three paths within 20 m: the best fit of three puts two where no delay's covariance can be told.
+    k = np.arange(-600, 600)[::3]
+    frequencies = np.where(k >= 0, k + 1, k)
+    rng = np.random.default_rng(seed)
+    delays_s = np.sort(rng.uniform(0.0, 20.0, 3)) / SPEED_OF_LIGHT_MPS
+    gains = 10.0 ** (rng.uniform(-6.0, 6.0, 3) / 20.0) * np.exp(2j * np.pi * rng.random(3))
+    noise = rng.standard_normal((400, 2)) @ [1.0, 1.0j]
+    variance = 10.0**-1.5
+    channel = np.exp(-2j * np.pi * 15e3 * np.outer(frequencies, delays_s)) @ gains + np.sqrt(variance / 2.0) * noise
+    channel = channel.astype(np.complex64)
+    two = sn.lte.PathResolver(max_paths=2).resolve(channel, frequencies, variance)
+    more = sn.lte.PathResolver(**options).resolve(channel, frequencies, variance)  # type: ignore[arg-type]
+    assert more.toa_s == two.toa_s
+    assert np.isfinite(more.sigmas_s).all()
+
+
+def test_refusals_blame_what_is_wrong() -> None:
+    k = np.arange(-600, 600)[::3]
+    frequencies = np.where(k >= 0, k + 1, k)
+    channel = np.ones(400, np.complex64)
+    resolver = sn.lte.PathResolver()
+    for variance in (np.nan, -1.0, np.inf):
+        with pytest.raises(ValueError, match="noise_variance"):
+            resolver.resolve(channel, frequencies, variance)
+    with pytest.raises(ValueError, match=r"frequencies: -599\.5"):
+        resolver.resolve(channel, frequencies + 0.5)
+    iq, known = two_paths()
+    with pytest.raises(ValueError, match=r"cfo_hz: shape \(2,\)"):
+        sn.lte.SnapshotRanger(15.36e6, [known]).range(iq, [20e-6], [0.0, 1.0])
+
+
+def test_more_lost_samples_than_can_be_counted_are_refused() -> None:
+    known = sn.lte.Detection(cell_id=77, n_rb=6, n_ports=2, frame_start_s=2.3e-3)
+    loop = sn.lte.CrsLoop(1.92e6, known)
+    loop.skip(2**52)
+    with pytest.raises(ValueError, match="samples"):
+        loop.skip(2**62)
+    assert loop.position == 2**52
+    stream = _lte.MeasurementStream(1.92e6, [known])
+    with pytest.raises(ValueError, match="samples"):
+        stream.skip(2**50)
+    assert stream.position == 0
 
 
 def test_a_snapshot_ranges_cells_on_their_own_time_line() -> None:

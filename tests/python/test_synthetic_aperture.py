@@ -156,6 +156,24 @@ def test_results_read_well_and_refusals_are_sentences() -> None:
         sn.simulation.aperture_snapshots(path, 0.1, clock=sn.clock.TwoState.tcxo(), phase_rad=np.zeros(50), seed=1)
     with pytest.raises(ValueError, match="snr"):
         sn.simulation.aperture_snapshots(path, 0.1, snr_db=np.nan, seed=1)
+    for name in ("wavelength_m", "snr_db", "k_factor_db", "frequency_hz"):
+        with pytest.raises(ValueError, match=rf"{name}: shape \(2,\)"):
+            sn.simulation.aperture_snapshots(path, [0.3, 2.4, -1.7], **{name: [1.0, 2.0]}, seed=1)  # type: ignore[arg-type]
+
+
+def test_noise_gives_no_blind_angles_and_a_sentence() -> None:
+    rng = np.random.default_rng(1)
+    aperture = sn.array.SyntheticAperture()
+    refused = 0
+    for _ in range(4):
+        noise = rng.standard_normal((50, 6)) + 1j * rng.standard_normal((50, 6))
+        found = aperture.blind(noise, WAVELENGTH_M)
+        assert not found.ok
+        assert np.isnan(found.bearing_rad).all()
+        if found.status is STATUS.TOO_FEW_COHERENT:
+            refused += 1
+            assert "node" in found.message
+    assert refused > 0
 
 
 @pytest.mark.law

@@ -444,6 +444,9 @@ std::span<const LoopUpdate> CrsLoop::push(IqSpan block) {
 void CrsLoop::skip(std::int64_t samples) {
   Impl& m = *impl_;
   if (samples <= 0) return;
+  constexpr std::int64_t kMost = std::int64_t{1} << 53;  // a double still counts them
+  require(samples <= kMost - position(), "samples", static_cast<double>(samples),
+          "at most 2^53 samples pushed and skipped expected");
   m.begin += static_cast<std::int64_t>(m.buffer.size()) + samples;
   m.buffer.clear();
   const double now_s = static_cast<double>(m.begin) / m.reader.rate_hz();

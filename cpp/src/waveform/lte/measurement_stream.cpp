@@ -16,6 +16,8 @@ namespace soopnav::lte {
 namespace {
 constexpr double kSubframeS = 1e-3;
 
+constexpr double kLongestSkipS = 3600.0;  // each of its epochs is made
+
 void require(bool good, const char* name, double value, const char* rule) {
   if (!good) throw std::invalid_argument(std::string(name) + ": " + std::to_string(value) + "; " + rule);
 }
@@ -243,6 +245,9 @@ std::span<const StreamEpoch> MeasurementStream::push(IqSpan block) {
 void MeasurementStream::skip(std::int64_t samples) {
   if (samples <= 0) return;
   Impl& m = *impl_;
+  const double skipped_s = static_cast<double>(samples) / m.options.sample_rate_hz;
+  require(skipped_s <= kLongestSkipS, "samples", static_cast<double>(samples),
+          "at most an hour of samples expected; after more, begin anew");
   m.position += samples;
   m.history.clear();
   for (Follower& f : m.followers) f.loop.skip(samples);

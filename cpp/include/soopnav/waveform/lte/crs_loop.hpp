@@ -64,6 +64,7 @@ class CrsLoop {
   std::span<const LoopUpdate> push(IqSpan block);
 
   /// `samples` were lost before the next block. The state is carried over them; beyond 20 ms a new arc begins.
+  /// @throws std::invalid_argument when `position` would exceed 2^53; the state is untouched.
   void skip(std::int64_t samples);
 
   /// Samples pushed and skipped.

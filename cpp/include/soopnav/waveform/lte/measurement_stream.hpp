@@ -74,6 +74,7 @@ class MeasurementStream {
   std::span<const StreamEpoch> push(IqSpan block);
 
   /// `samples` were lost before the next block; epochs within them come with the next `push`, cells coasting.
+  /// @throws std::invalid_argument for more than an hour of samples; the state is untouched.
   void skip(std::int64_t samples);
 
   [[nodiscard]] std::int64_t position() const noexcept;  ///< samples pushed and skipped
