@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _MOST_BYTES = 1 << 32  # of the numbers of one cloud
+
+
+def _double(column: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """As double precision; a signalling NaN is a NaN, not a warning."""
+    with np.errstate(invalid="ignore"):
+        return column.astype(np.float64)
 
 
 class _Header:
@@ -127,7 +134,7 @@ def _columns(header: _Header, content: bytes, wanted: Sequence[str]) -> list[npt
             raise ValueError(f"{header.path}: {len(body)} bytes of data; {rows * header.row_bytes} are announced")
         fields = [(f"{i}", kind, (n,)) for i, (kind, n) in enumerate(zip(header.types, header.counts, strict=True))]
         table = np.frombuffer(body, dtype=np.dtype(fields), count=rows)
-        return [table[f"{i}"][:, 0].astype(np.float64) for i in positions]
+        return [_double(table[f"{i}"][:, 0]) for i in positions]
     if header.data == "binary_compressed":
         if len(body) < 8:
             raise ValueError(f"{header.path}: the sizes of the compressed data are missing")
@@ -144,7 +151,7 @@ def _columns(header: _Header, content: bytes, wanted: Sequence[str]) -> list[npt
             column = np.frombuffer(
                 plain, dtype=header.types[i], count=rows * header.counts[i], offset=int(ends[i]) - whole
             )
-            columns.append(column[:: header.counts[i]].astype(np.float64))
+            columns.append(_double(column[:: header.counts[i]]))
         return columns
     raise ValueError(f"{header.path}: DATA {header.data}; ascii, binary or binary_compressed is needed")
 

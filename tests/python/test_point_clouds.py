@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import soopnav_cpp as sn
@@ -104,6 +104,7 @@ def test_damaged_files_are_named_with_what_is_wrong(tmp_path: Path, content: byt
 
 @settings(max_examples=60, deadline=None)
 @given(at=st.integers(0, len(_compressed()) - 1), byte=st.integers(0, 255))
+@example(at=159, byte=129)  # a signalling NaN
 def test_any_byte_may_be_wrong(tmp_path_factory: pytest.TempPathFactory, at: int, byte: int) -> None:
     content = bytearray(_compressed())
     content[at] = byte
