@@ -336,6 +336,7 @@ constexpr double kLeastRangeSigma = 1e-4;    // m
 constexpr double kLeastBearingSigma = 1e-6;  // rad
 /// Of an outlier, also where there are to be none: from 37 sigmas on an observation is one.
 constexpr double kLeastDensity = 1e-300;
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();  ///< weight of a particle to be replaced
 
 /// What both kinds of observation share.
 struct LinkWork {
@@ -444,7 +445,9 @@ struct RangeWork : LinkWork {
     Lanes ph[HandsetCloud::kMaxSize];
     // The clock apart from the rest (eq. 9): its variance may be 1e18 of all others'.
     const Lanes noise(variance_of(l, kLeastRangeSigma)), clock = block.cov(b, b);
-    const Lanes rest0 = max(h.spread(block, ph) + noise, noise);
+    const Lanes spread = h.spread(block, ph);
+    gained = select(spread < -noise, Lanes(kNoNumber), gained);  // no covariance any more
+    const Lanes rest0 = max(spread + noise, noise);
     const Lanes cross0 = ph[b];
     for (int i = 0; i < block.active; ++i) ph[i] += block.cov(i, b);
     const Lanes s0 = max(rest0 + Lanes(2.0) * cross0 + clock, noise);
@@ -523,7 +526,9 @@ struct BearingWork : LinkWork {
     }
     Lanes ph[HandsetCloud::kMaxSize];
     const Lanes noise(variance_of(l, kLeastBearingSigma));
-    const Lanes s = max(h.spread(block, ph) + noise, noise);
+    const Lanes spread = h.spread(block, ph);
+    gained = select(spread < -noise, Lanes(kNoNumber), gained);
+    const Lanes s = max(spread + noise, noise);
     const Lanes v0 = wrap_to_pi(Lanes(links[l]) - predicted);
     const bool two = mirror != nullptr && std::isfinite(mirror[l]);
     const Lanes v1 = two ? wrap_to_pi(Lanes(mirror[l]) - predicted) : v0;

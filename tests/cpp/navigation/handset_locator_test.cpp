@@ -554,6 +554,23 @@ TEST(HandsetLocator, BeginsAnewWhenNoParticleIsANumber) {
   }
 }
 
+// A speed unknown by that of light takes all digits of a covariance: seen, said and begun anew, then found.
+TEST(HandsetLocator, CovariancesThatBreakBeginAnew) {
+  const HandsetWorld w = walk(2, 4.0);
+  HandsetOptions o = HandsetOptions::lte_alone(w.nodes_m);
+  o.start_speed_sigma_mps = 1e9;
+  HandsetLocator f(o);
+  const std::vector<double> sigma(6, 1.0);
+  int recovered = 0;
+  for (std::size_t e = 0; e < 40; ++e) {
+    const HandsetReport r = f.update_ranges({w.range_m.data() + 6 * e, 6}, sigma, w.epoch_s[e]);
+    recovered += r.use == HandsetUse::kRecovered ? 1 : 0;
+  }
+  EXPECT_GE(recovered, 1);
+  EXPECT_LT((f.estimate().position_m - w.position_m[39]).norm(), 20.0);
+  EXPECT_GT(f.estimate().covariance_m2.determinant(), 0.0);
+}
+
 TEST(HandsetLocator, StepsFasterThanAnyoneWalksCoast) {
   const HandsetWorld w = walk(2, 12.0);
   for (const HandsetFilter kind : {HandsetFilter::kControl, HandsetFilter::kMeasurement}) {
