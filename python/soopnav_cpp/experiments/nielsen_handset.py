@@ -1,7 +1,7 @@
 """A handset with a camera among LTE nodes: nielsen 2.2.4 (NLOS as a Boolean) and 4.2.3 (the whole filter, both types).
 
-Walks, ranges and camera steps come from `simulation.HandsetWorld`; one variant's ranges are first paths resolved out of
-multipath channels at the CRS's subcarriers.
+Walks, ranges and camera steps come from `simulation.HandsetWorld`; in one variant ranges are first paths resolved out
+of multipath channels at the CRS's subcarriers, and steps are estimated from feature tracks on the floor.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy.typing as npt
 from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band, experiment, style
 from soopnav_cpp.lte import CellLostError, PathResolver
 from soopnav_cpp.navigation import HandsetLocator, HandsetRun, position_fix
-from soopnav_cpp.simulation import HandsetWorld
+from soopnav_cpp.simulation import GroundScene, HandsetWorld, foot_tracks
+from soopnav_cpp.vision import Camera, RigidMotionEstimator
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +32,8 @@ LOST_M = 1.0
 SIGMA_M = 1.0
 STEP_SIGMA_M = 1e-3  # what the filter is told; the camera's own is 0.2 mm, and what it does not model is larger
 TURN_SIGMA = np.radians(0.02)
-MULTIPATH_RUNS = 3
+MULTIPATH = {"range_sigma_m": 0.0, "duration_s": 40.0, "range_rate_hz": 5.0}  # short, for its channels take time
+MULTIPATH_SIGMA_M = 2.0  # of such ranges: half are right to 0.1 m, but all together scatter by 1.5 m
 LOST_HEADING_RUNS = 10
 
 
@@ -46,22 +48,28 @@ def locator(world: HandsetWorld, seed: int, **options: Any) -> HandsetLocator:
     )
 
 
-def fused(world: HandsetWorld, seed: int, **options: Any) -> HandsetRun:
+def fused(world: HandsetWorld, seed: int, *, sigma_m: float = SIGMA_M, **options: Any) -> HandsetRun:
     """Radio and camera."""
     return locator(world, seed, **options).run(
         world.frame_s,
         world.increments,
         world.epoch_s,
         world.ranges_m,
-        sigma_m=SIGMA_M,
+        sigma_m=sigma_m,
         track_covariance=[STEP_SIGMA_M**2, STEP_SIGMA_M**2, TURN_SIGMA**2],
     )
 
 
-def alone(world: HandsetWorld) -> HandsetRun:
+def alone(world: HandsetWorld, *, sigma_m: float = SIGMA_M) -> HandsetRun:
     """LTE only: one extended Kalman filter with one clock."""
     ekf = HandsetLocator.lte_alone(world.nodes_m, start_sigma_m=6.0, acceleration_psd_m2ps3=0.1)
-    return ekf.run([], np.zeros((0, 3)), world.epoch_s, world.ranges_m, sigma_m=SIGMA_M)
+    return ekf.run([], np.zeros((0, 3)), world.epoch_s, world.ranges_m, sigma_m=sigma_m)
+
+
+def without_camera(world: HandsetWorld, seed: int) -> HandsetRun:
+    """LTE only, with a Boolean for each link: type 2 that is never given a step."""
+    two = locator(world, seed, filter="measurement", particles=500)
+    return two.run([], np.zeros((0, 3)), world.epoch_s, world.ranges_m, sigma_m=SIGMA_M)
 
 
 def snapshot_error_m(world: HandsetWorld, every: int = 5) -> Array:
@@ -201,6 +209,7 @@ class Walk:
     measurement_m: Array
     alone_m: Array
     snapshot_m: Array
+    no_camera_m: Array  # type 2 without steps
     nees: Array  # of type 1
     harder_m: Array  # type 1, three of six without line of sight
     harder_alone_m: Array
@@ -217,6 +226,7 @@ def whole_run(seed: int) -> Walk:
         two.error_m(truth),
         alone(world).error_m(truth),
         snapshot_error_m(world),
+        without_camera(world, seed).error_m(truth),
         one.nees(truth),
         fused(harder, seed).error_m(harder.position_m),
         alone(harder).error_m(harder.position_m),
@@ -233,41 +243,78 @@ def comb() -> Array:
 def through_multipath(world: HandsetWorld, seed: int, snr_db: float = 15.0) -> HandsetWorld:
     """The same walk with ranges measured as first paths of channels at the reference signals' subcarriers.
 
-    Each link has its first path, as late as the world says, and two echoes 5 to 60 m behind it, 3 to 12 dB below it,
-    that move on by centimetres (so that phases are new at each epoch). Noise per subcarrier as `snr_db` says.
+    Each link has its first path, as late as the world says, and up to four echoes, from 5 m behind it on and 3 dB
+    stronger than it to 15 dB weaker. They wander by 0.3 m at an epoch (so that phases are new each time) and overtake
+    each other. Noise per subcarrier as `snr_db` says. The resolver is not told how many paths there are.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, 1])
     frequencies = comb()
-    resolver = PathResolver(max_paths=3)
+    resolver = PathResolver()
     epochs, links = world.ranges_m.shape
     metres = np.linalg.norm(world.nodes_m[None, :, :2] - world.position_m[:, None], axis=-1)
     metres = metres + world.clock_m[:, None] + world.nlos.excess_m
-    echo_m = rng.uniform(5.0, 60.0, (links, 2))
-    gain = 10.0 ** (-rng.uniform(3.0, 12.0, (links, 2)) / 20.0)
+    echoes = [int(count) for count in rng.integers(0, 5, (links,))]
+    echo_m = [rng.uniform(5.0, 60.0, count) for count in echoes]
+    gain = [10.0 ** (rng.uniform(-15.0, 3.0, count) / 20.0) for count in echoes]
     sigma = 10.0 ** (-snr_db / 20.0)
     ranges = np.full((epochs, links), np.nan)
     for k in range(epochs):
         for link in range(links):
-            behind = echo_m[link] + 0.05 * rng.standard_normal(2)
-            delays = np.concatenate([[0.0], behind]) / LIGHT_MPS
-            gains = np.concatenate([[1.0], gain[link]]) * np.exp(2j * np.pi * rng.random(3))
+            echo_m[link] = 5.0 + np.abs(echo_m[link] + 0.3 * rng.standard_normal(echoes[link]) - 5.0)
+            delays = np.concatenate([[0.0], echo_m[link]]) / LIGHT_MPS
+            gains = np.concatenate([[1.0], gain[link]]) * np.exp(2j * np.pi * rng.random(len(delays)))
             channel = np.exp(-2j * np.pi * 15e3 * np.outer(frequencies, delays)) @ gains
             noise = rng.standard_normal((len(frequencies), 2)) @ [1.0, 1.0j]
             channel = (channel + sigma / np.sqrt(2.0) * noise).astype(np.complex64)
             try:
-                first_s = resolver.resolve(channel, frequencies, sigma**2).delays_s[0]
+                toa_s = resolver.resolve(channel, frequencies, sigma**2).toa_s
             except CellLostError:
                 continue
-            ranges[k, link] = metres[k, link] + first_s * LIGHT_MPS
+            ranges[k, link] = metres[k, link] + toa_s * LIGHT_MPS
     return replace(world, ranges_m=ranges)
 
 
-def multipath_run(seed: int) -> tuple[Array, Array, Array]:
-    """Errors of type 1 and of LTE alone, and of the ranges themselves."""
-    clean = HandsetWorld.generate(seed, range_sigma_m=0.0)
+def through_tracks(world: HandsetWorld, seed: int) -> HandsetWorld:
+    """The same walk with steps estimated from tracks on the floor, 60 per frame of which a tenth went astray."""
+    camera = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    estimator = RigidMotionEstimator(seed=seed)
+    plane = GroundScene.true_plane(1.0, (0.0, 0.0))
+    increments = np.empty_like(world.increments)
+    for k in range(len(increments)):
+        pixels = foot_tracks(
+            camera,
+            tuple(world.pose[k]),
+            tuple(world.pose[k + 1]),
+            tracks=60,
+            outlier_share=0.1,
+            seed=(seed + 7919 * k) % 2**32,
+        )
+        increments[k] = estimator.estimate(camera, *pixels, plane, plane).increment
+    return replace(world, increments=increments)
+
+
+@dataclass(frozen=True)
+class Multipath:
+    """Errors of one walk whose ranges and steps are estimated."""
+
+    control_m: Array
+    measurement_m: Array
+    alone_m: Array
+    ranging_m: Array
+
+
+def multipath_run(seed: int) -> Multipath:
+    """Ranges out of channels, steps out of tracks; both types and LTE alone."""
+    clean = HandsetWorld.generate(seed, **MULTIPATH)
     world = through_multipath(clean, seed)
+    seen = through_tracks(world, seed)
     truth = world.position_m
-    return fused(world, seed).error_m(truth), alone(world).error_m(truth), world.ranges_m - clean.ranges_m
+    return Multipath(
+        fused(seen, seed, sigma_m=MULTIPATH_SIGMA_M).error_m(truth),
+        fused(seen, seed, sigma_m=MULTIPATH_SIGMA_M, filter="measurement", particles=1000).error_m(truth),
+        alone(world, sigma_m=MULTIPATH_SIGMA_M).error_m(truth),
+        world.ranges_m - clean.ranges_m,
+    )
 
 
 def lost_heading_run(seed: int) -> Array:
@@ -280,7 +327,7 @@ def lost_heading_run(seed: int) -> Array:
 def room_walk(lab: Lab) -> Iterator[Claim]:
     """Six nodes 25 to 60 m off, at most two of them without line of sight at a time, 60 s; errors after 20 s."""
     runs = lab.map(whole_run)
-    multipath = lab.map(multipath_run, runs=MULTIPATH_RUNS)
+    multipath = lab.map(multipath_run)
     turned = np.array(lab.map(lost_heading_run, runs=LOST_HEADING_RUNS))
     world = HandsetWorld.generate(lab.seed)
     settled = world.epoch_s >= SETTLED_S
@@ -292,7 +339,12 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
     harder, harder_lte = all_runs("harder_m"), all_runs("harder_alone_m")
     snapshot, nees = all_runs("snapshot_m"), all_runs("nees")
     each = np.sqrt(np.mean(control[:, settled] ** 2, axis=1))
-    through, through_alone, ranging = (np.array([run[k] for run in multipath]) for k in range(3))
+    blind = all_runs("no_camera_m")
+    through, through_two, through_alone, ranging = (
+        np.array([getattr(run, name) for run in multipath])
+        for name in ("control_m", "measurement_m", "alone_m", "ranging_m")
+    )
+    late = HandsetWorld.generate(lab.seed, **MULTIPATH).epoch_s >= SETTLED_S
 
     _draw_walk(lab, world)
     with lab.figure(7.6, 4.4, part="errors") as figure:
@@ -302,6 +354,7 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
         for errors, time_s, color, label in (
             (snapshot, t[::5], GREY, "LTE alone, each epoch by least squares"),
             (lte, t, RED, "LTE alone, Kalman filter"),
+            (blind, t, "#6f4e9c", "LTE alone, a Boolean for each link"),
             (harder, t, GREEN, "LTE and camera, type 1, up to three of six blocked"),
             (measurement, t, "#e09f3e", "LTE and camera, type 2"),
             (control, t, BLUE, "LTE and camera, type 1"),
@@ -314,9 +367,12 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
         measurement_m=measurement,
         lte_alone_m=lte,
         snapshot_m=snapshot,
+        no_camera_m=blind,
         three_blocked_m=harder,
         nees=nees,
         multipath_m=through,
+        multipath_measurement_m=through_two,
+        multipath_lte_alone_m=through_alone,
         heading_unknown_m=turned,
         multipath_ranging_m=np.nan_to_num(ranging, nan=0.0),
     )
@@ -326,6 +382,11 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
         "rms of LTE alone over that of type 1, of type 2",
         [rms(lte[:, settled]) / rms(kind[:, settled]) for kind in (control, measurement)],
         at_least(15.0),
+    )
+    yield Claim(
+        "rms with the Booleans and without the camera over that of type 1, of type 2",
+        [rms(blind[:, settled]) / rms(kind[:, settled]) for kind in (control, measurement)],
+        at_least(2.0),
     )
     yield Claim("median of the runs' rms, type 1", float(np.median(each)), at_most(0.2, "m"))
     yield Claim(f"share of runs lost (rms above {LOST_M:g} m), type 1", float(np.mean(each > LOST_M)), at_most(0.05))
@@ -337,11 +398,16 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
         at_least(5.0),
     )
     yield Claim("pooled rms with the heading unknown at the start", rms(turned[:, settled]), at_most(0.6, "m"))
+    both = [rms(kind[:, late]) for kind in (through, through_two)]
     yield Claim(
-        "pooled rms with ranges resolved out of multipath channels", rms(through[:, settled]), at_most(0.6, "m")
+        f"pooled rms of types 1 and 2 with ranges out of multipath, steps out of tracks, {len(through)} runs",
+        both,
+        at_most(0.6, "m"),
     )
     yield Claim(
-        "rms of LTE alone over it, multipath", rms(through_alone[:, settled]) / rms(through[:, settled]), at_least(5.0)
+        "rms of LTE alone over those of types 1 and 2, multipath",
+        [rms(through_alone[:, late]) / kind for kind in both],
+        at_least(5.0),
     )
 
 
