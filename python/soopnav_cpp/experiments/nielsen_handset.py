@@ -360,8 +360,8 @@ def room_walk(lab: Lab) -> Iterator[Claim]:
             (control, t, BLUE, "LTE and camera, type 1"),
         ):
             axes.semilogy(time_s, np.sqrt(np.mean(errors**2, axis=0)), color=color, linewidth=1.4, label=label)
-        axes.set_ylim(0.03, 15.0)
-        axes.legend(fontsize=8, loc="center right", framealpha=0.9)
+        axes.set_ylim(0.03, 100.0)
+        axes.legend(fontsize=8, loc="upper right", ncols=2, framealpha=0.9)
     lab.save(
         control_m=control,
         measurement_m=measurement,
