@@ -29,8 +29,8 @@ void FeatureTracker::prune(std::span<const std::uint8_t>) noexcept {}
 void FeatureTracker::reset() noexcept {}
 
 const FeatureTrackerOptions& FeatureTracker::options() const noexcept {
-  static const FeatureTrackerOptions none;
-  return none;
+  static const FeatureTrackerOptions kNone;
+  return kNone;
 }
 
 }  // namespace soopnav::vision

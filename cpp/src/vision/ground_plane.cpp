@@ -10,6 +10,7 @@
 #include <string>
 
 #include "soopnav/core/packet.hpp"
+#include "vision/covariance_of.hpp"
 
 namespace soopnav::vision {
 
@@ -374,7 +375,7 @@ void PlaneFitter::state_covariance(const Moments& moments, GroundPlane& plane) c
   const double offset = plane.normal_c.dot(moments.mean) - plane.distance_m;
   const double square = along + moments.weight * offset * offset;
   const double variance = square / std::max(moments.count - 3, 1);
-  plane.covariance = information.inverse() * (variance * options_.noise_cluster);
+  plane.covariance = covariance_of(information) * (variance * options_.noise_cluster);
   plane.inliers = moments.count;
   plane.rms_m = std::sqrt(moments.square / std::max(moments.count, 1));
 }

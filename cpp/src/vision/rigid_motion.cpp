@@ -9,6 +9,7 @@
 
 #include "soopnav/core/angle.hpp"
 #include "soopnav/vision/ground_projection.hpp"
+#include "vision/covariance_of.hpp"
 
 namespace soopnav::vision {
 
@@ -182,7 +183,7 @@ void RigidMotionEstimator::add_planes(const Eigen::Matrix3d& information, const 
     from_previous.noalias() -= slope.transpose() * (track.pixels * back * track.from_plane);
     from_present.noalias() += slope.transpose() * (track.pixels * track.to_plane);
   }
-  const Eigen::Matrix3d inverse = information.inverse();
+  const Eigen::Matrix3d inverse = covariance_of(information);
   from_previous = inverse * from_previous;
   from_present = inverse * from_present;
   out.covariance = out.track_covariance + from_previous * previous.covariance * from_previous.transpose() +
@@ -298,7 +299,7 @@ PlanarMotion RigidMotionEstimator::estimate(const Camera& camera, std::span<cons
   }
   out.sigma_px = std::max(out.rms_px, options_.min_sigma_px);
   out.increment << motion.x(), motion.y(), wrap_to_pi(motion.z());
-  out.track_covariance = information.inverse() * (out.sigma_px * out.sigma_px * options_.track_inflation);
+  out.track_covariance = covariance_of(information) * (out.sigma_px * out.sigma_px * options_.track_inflation);
   if (!out.track_covariance.allFinite()) {
     out.status = MotionStatus::kDegenerate;
     out.increment.setZero();
