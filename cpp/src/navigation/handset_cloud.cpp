@@ -227,15 +227,31 @@ void HandsetCloud::age_links(double dt_s, double walked_m) noexcept {
                       o_.excess_walk_m2ps * dt_s, o_.node_offset_walk_m2ps * dt_s});
 }
 
+template <class Work>
+double HandsetCloud::weigh(Work& work, std::span<const double> links, std::span<const double> sigma,
+                           const Eigen::Vector2d& ahead_b_m) noexcept {
+  work.links = links.data();
+  work.sigma = sigma.data();
+  work.nodes = o_.nodes_m.data();
+  work.ahead = ahead_b_m;
+  work.feet = feet_ && at_.vx < 0;
+  work.outlier = o_.outlier_probability;
+  work.log_weight = log_weight_.data();
+  work.weight = weight_.data();
+  work.uniform = uniform_.data();
+  work.stride = blocks_ * kLanes;
+  double outliers = 0.0;
+  work.outliers = &outliers;
+  random_.fill_uniform(uniform_);
+  each(*this, work);
+  dirty_ = true;
+  return outliers;
+}
+
 double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<const double> sigma_m,
                                   std::span<const double> silent_s, const Eigen::Vector2d& ahead_b_m) noexcept {
   RangeWork work{};
-  work.links = range_m.data();
-  work.sigma = sigma_m.data();
-  work.nodes = o_.nodes_m.data();
   work.height_m = o_.height_m;
-  work.ahead = ahead_b_m;
-  work.feet = feet_ && at_.vx < 0;
   const double rate = 1.0 / o_.mean_los_s + 1.0 / o_.mean_nlos_s;
   const double stationary = o_.mean_nlos_s / (o_.mean_los_s + o_.mean_nlos_s);
   for (std::size_t l = 0; l < range_m.size(); ++l) {
@@ -243,45 +259,20 @@ double HandsetCloud::weigh_ranges(std::span<const double> range_m, std::span<con
     work.stay_blocked[l] = stationary + (1.0 - stationary) * kept;
     work.get_blocked[l] = stationary * (1.0 - kept);
   }
-  work.outlier = o_.outlier_probability;
   work.outlier_density = 1.0 / o_.outlier_span_m;
   work.excess_mean = excess_mean_;
   work.excess_variance = excess_variance_;
-  work.log_weight = log_weight_.data();
-  work.uniform = uniform_.data();
-  work.stride = blocks_ * kLanes;
-  random_.fill_uniform(uniform_);
-  double outliers = 0.0;
-  work.outliers = &outliers;
-  work.weight = weight_.data();
-  each(*this, work);
-  dirty_ = true;
-  return outliers;
+  return weigh(work, range_m, sigma_m, ahead_b_m);
 }
 
 double HandsetCloud::weigh_bearings(std::span<const double> bearing_rad, std::span<const double> sigma_rad,
                                     std::span<const double> mirror_rad, bool of_body,
                                     const Eigen::Vector2d& ahead_b_m) noexcept {
   BearingWork work{};
-  work.links = bearing_rad.data();
-  work.sigma = sigma_rad.data();
   work.mirror = mirror_rad.empty() ? nullptr : mirror_rad.data();
-  work.nodes = o_.nodes_m.data();
   work.of_body = of_body;
   work.booleans = booleans_ > 0;
-  work.ahead = ahead_b_m;
-  work.feet = feet_ && at_.vx < 0;
-  work.outlier = o_.outlier_probability;
-  work.log_weight = log_weight_.data();
-  work.uniform = uniform_.data();
-  work.stride = blocks_ * kLanes;
-  random_.fill_uniform(uniform_);
-  double outliers = 0.0;
-  work.outliers = &outliers;
-  work.weight = weight_.data();
-  each(*this, work);
-  dirty_ = true;
-  return outliers;
+  return weigh(work, bearing_rad, sigma_rad, ahead_b_m);
 }
 
 bool HandsetCloud::keep_inside() noexcept {

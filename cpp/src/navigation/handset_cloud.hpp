@@ -93,6 +93,10 @@ class HandsetCloud {
     return data_[(i / kLanes * static_cast<std::size_t>(rows_) + static_cast<std::size_t>(row)) * kLanes + i % kLanes];
   }
   void begin() noexcept;
+  /// What ranges and bearings share: `links` and `sigma` of each node into the particles' weights.
+  template <class Work>
+  double weigh(Work& work, std::span<const double> links, std::span<const double> sigma,
+               const Eigen::Vector2d& ahead_b_m) noexcept;
   void remember_places() noexcept;
 
   HandsetOptions o_;

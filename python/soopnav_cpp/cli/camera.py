@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import click
 
 from soopnav_cpp.cli.ending import sentences, stdout
+from soopnav_cpp.cli.numbers import Finite
 from soopnav_cpp.cli.progress import progress
 
 __all__ = ["egomotion"]
@@ -35,17 +35,7 @@ def _plane(_context: click.Context, parameter: click.Parameter, value: str | Non
     return height, x, y
 
 
-class _Positive(click.FloatRange):
-    """A finite number above zero."""
-
-    def __init__(self) -> None:
-        super().__init__(min=0.0, min_open=True)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{value}: a finite number expected", param, ctx)
-        return number
+_POSITIVE = Finite(min=0.0, min_open=True)
 
 
 @click.command(short_help="Follow the ground in a video: where the camera went.")
@@ -55,12 +45,12 @@ class _Positive(click.FloatRange):
 )
 @click.option("--depth", type=click.Path(path_type=Path), metavar="DIR", help="Depth of each frame.")
 @click.option("--plane", callback=_plane, metavar="H[,AX,AY]", help="Height [m] and tilt [deg] in place of depth.")
-@click.option("--height", "height_m", type=_Positive(), metavar="M", help="The same as --plane M,0,0.")
+@click.option("--height", "height_m", type=_POSITIVE, metavar="M", help="The same as --plane M,0,0.")
 @click.option("--truth", type=click.Path(path_type=Path), metavar="FILE", help="Where the camera truly was.")
 @click.option(
     "--start", "start_s", type=float, default=0.0, metavar="S", help="Time added to the video's.  [default: 0]"
 )
-@click.option("--rate", "rate_hz", type=_Positive(), metavar="HZ", help="Frames per second of a folder of pictures.")
+@click.option("--rate", "rate_hz", type=_POSITIVE, metavar="HZ", help="Frames per second of a folder of pictures.")
 @click.option("--every", type=click.IntRange(min=1), default=1, metavar="N", help="Use each N-th frame.  [default: 1]")
 @click.option("--frames", type=click.IntRange(min=1), metavar="N", help="Stop after so many.")
 @click.option("--features", type=click.IntRange(min=8, max=5000), metavar="N", help="Tracks at a time.  [default: 300]")

@@ -5,24 +5,14 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import click
 
 from soopnav_cpp.cli.ending import sentences, stdout
+from soopnav_cpp.cli.numbers import Finite
 from soopnav_cpp.cli.progress import progress
 
 __all__ = ["df", "locate_emitter"]
-
-
-class _Finite(click.FloatRange):
-    """A number between limits, never NaN or infinity, which limits let through."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{value}: a finite number expected", param, ctx)
-        return number
 
 
 @click.command(short_help="Find directions with an array of antennas.")
@@ -33,13 +23,13 @@ class _Finite(click.FloatRange):
 @click.option("--calibration", type=click.Path(path_type=Path), metavar="JSON", help="Of soopnav calibrate.")
 @click.option("--poses", type=click.Path(path_type=Path), metavar="CSV", help="Where the array was and how it stood.")
 @click.option(
-    "--start", "start_s", type=_Finite(), default=0.0, metavar="S", help="Time of the first sample.  [default: 0]"
+    "--start", "start_s", type=Finite(), default=0.0, metavar="S", help="Time of the first sample.  [default: 0]"
 )
 @click.option("--block-samples", type=click.IntRange(min=2), metavar="N", help="Of a bearing.  [default: 2500]")
-@click.option("--block-s", type=_Finite(min=0.0, min_open=True), metavar="S", help="The same as a time.")
+@click.option("--block-s", type=Finite(min=0.0, min_open=True), metavar="S", help="The same as a time.")
 @click.option(
     "--every-s",
-    type=_Finite(min=0.0, min_open=True),
+    type=Finite(min=0.0, min_open=True),
     metavar="S",
     help="From one block to the next.  [default: without gaps]",
 )
@@ -50,7 +40,7 @@ class _Finite(click.FloatRange):
 @click.option(
     "--lowest-elevation",
     "elevation_min_deg",
-    type=_Finite(-90.0, 89.0),
+    type=Finite(-90.0, 89.0),
     default=0.0,
     metavar="DEG",
     help="Looked for.  [default: 0]",
@@ -162,7 +152,7 @@ def _numbers(_context: click.Context, parameter: click.Parameter, value: str | N
 @click.option(
     "--sigma",
     "sigma_deg",
-    type=_Finite(min=0.0, min_open=True),
+    type=Finite(min=0.0, min_open=True),
     metavar="DEG",
     help="Standard deviation of bearings, for a file without.",
 )

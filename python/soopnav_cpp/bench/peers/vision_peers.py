@@ -56,7 +56,7 @@ def _followed(data: Data, plane_of: Callable[[int], Plane]) -> Prepared:
     import cv2
 
     cv2.setNumThreads(1)
-    lucas_kanade: Any = cv2.calcOpticalFlowPyrLK  # None for a start is right, its stubs say otherwise
+    lucas_kanade: Any = cv2.calcOpticalFlowPyrLK  # its types know no None for a start, its manual does
     fx, fy, cx, cy = (float(value) for value in data["camera"])
     flow: Any = {
         "winSize": (21, 21),
