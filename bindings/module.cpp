@@ -14,6 +14,7 @@ PYBIND11_MODULE(_core, m) {
   auto geometry = m.def_submodule("geometry", "Earth, local frames and directions.");
   auto gnss = m.def_submodule("gnss", "Satellite navigation: orbits, positions, attitude.");
   auto gps = m.def_submodule("gps", "GPS L1 C/A: codes, signals, tracking noise.");
+  auto iridium = m.def_submodule("iridium", "Iridium: channels, bursts, their detection.");
   auto inertial = m.def_submodule("inertial", "Inertial navigation: increments, mechanisation, alignment, rest.");
   auto lte = m.def_submodule("lte", "LTE downlink: sequences, synthesis, cell search, time of arrival.");
   auto measurement = m.def_submodule("measurement", "Measurement models.");
@@ -67,5 +68,11 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_ground_plane(vision);
   soopnav::python::register_vision(vision);
   soopnav::python::register_ground(vision);
+  soopnav::python::register_iridium(iridium);
+  soopnav::python::register_ambiguity(dsp);
+  soopnav::python::register_orbits(geometry);
+  soopnav::python::register_pair_link(simulation);
+  soopnav::python::register_cooperative(navigation);
+  soopnav::python::register_cooperative_group(navigation);
   soopnav::python::register_ground_scene(simulation);
 }

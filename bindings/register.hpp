@@ -6,11 +6,14 @@
 namespace soopnav::python {
 
 void register_adaptive_noise(pybind11::module_& module);
+void register_ambiguity(pybind11::module_& module);
 void register_aperture_link(pybind11::module_& module);
 void register_array(pybind11::module_& module);
 void register_array_link(pybind11::module_& module);
 void register_calibration(pybind11::module_& module);
 void register_clock(pybind11::module_& module);
+void register_cooperative(pybind11::module_& module);
+void register_cooperative_group(pybind11::module_& module);
 void register_dsp(pybind11::module_& module);
 void register_estimation(pybind11::module_& module);
 void register_estimation_bounds(pybind11::module_& module);
@@ -29,6 +32,7 @@ void register_handset(pybind11::module_& module);
 void register_handset_world(pybind11::module_& module);
 void register_indoor(pybind11::module_& simulation);
 void register_inertial(pybind11::module_& module);
+void register_iridium(pybind11::module_& module);
 void register_kalman(pybind11::module_& module);
 void register_kalman_report(pybind11::module_& module);
 void register_lte(pybind11::module_& module);
@@ -40,6 +44,8 @@ void register_navigation(pybind11::module_& module);
 void register_ofdm(pybind11::module_& module);
 void register_ofdm_inertial(pybind11::module_& module);
 void register_ofdm_link(pybind11::module_& module);
+void register_orbits(pybind11::module_& module);
+void register_pair_link(pybind11::module_& module);
 void register_particle(pybind11::module_& module);
 void register_process(pybind11::module_& module);
 void register_simulation(pybind11::module_& module);
