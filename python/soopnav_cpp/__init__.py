@@ -15,6 +15,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.gnss`      satellite navigation: orbits, RINEX, positions
 `soopnav_cpp.gps`       GPS L1 C/A: codes, signals, tracking noise
+`soopnav_cpp.iridium`   Iridium: channels, bursts, their detection
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
@@ -39,6 +40,7 @@ from soopnav_cpp import (
     gps,
     inertial,
     io,
+    iridium,
     lte,
     measurement,
     navigation,
@@ -59,6 +61,7 @@ __all__ = [
     "gps",
     "inertial",
     "io",
+    "iridium",
     "lte",
     "measurement",
     "navigation",
