@@ -17,6 +17,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.gps`       GPS L1 C/A: codes, signals, tracking noise
 `soopnav_cpp.iridium`   Iridium: channels, bursts, their detection
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
+`soopnav_cpp.orbits`  satellites: elements from files, constellations, passes
 `soopnav_cpp.dsp`       transforms, correlation, delays, resampling
 `soopnav_cpp.simulation`  channels, planar trajectories and inertial units
 `soopnav_cpp.vision`    cameras, corners followed, motion over the ground
@@ -45,6 +46,7 @@ from soopnav_cpp import (
     measurement,
     navigation,
     ofdm,
+    orbits,
     plotting,
     process,
     simulation,
@@ -66,6 +68,7 @@ __all__ = [
     "measurement",
     "navigation",
     "ofdm",
+    "orbits",
     "plotting",
     "process",
     "simulation",

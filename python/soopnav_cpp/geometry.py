@@ -12,11 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._core import geometry as _geometry
-from soopnav_cpp._core.geometry import LocalAxes
+from soopnav_cpp._core.geometry import LocalAxes, SampledOrbit
+from soopnav_cpp._orbit_paths import PathGradients, SignalPaths, signal_path
 
 __all__ = [
     "LocalAxes",
     "LocalFrame",
+    "PathGradients",
+    "SampledOrbit",
+    "SignalPaths",
     "direction_enu",
     "earth_rate_ned",
     "ecef_to_geodetic",
@@ -27,6 +31,7 @@ __all__ = [
     "normal_gravity_ned",
     "normal_gravity_surface",
     "prime_vertical_radius",
+    "signal_path",
     "transport_rate_ned",
 ]
 
