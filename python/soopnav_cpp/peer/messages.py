@@ -179,6 +179,8 @@ class Info:
         The sender needs nothing before.
     sample_rate_hz, center_frequency_hz : float
         Of the recording.
+    answers : bool
+        The sender has the receiver's.
     """
 
     KIND: ClassVar[Kind] = Kind.INFO
@@ -188,12 +190,14 @@ class Info:
     resume_s: float
     sample_rate_hz: float
     center_frequency_hz: float
+    answers: bool = False
 
     @classmethod
     def read(cls, f: list[Any]) -> Info:
         start, end, resume = (_number(v, -_MOST_TIME_S, _MOST_TIME_S) for v in f[1:4])
         reference = _whole(f[0], -(2**40), 2**40)
-        return cls(reference, start, end, resume, _number(f[4], 1.0, _MOST_HZ), _number(f[5], 0.0, _MOST_HZ))
+        rate, center = _number(f[4], 1.0, _MOST_HZ), _number(f[5], 0.0, _MOST_HZ)
+        return cls(reference, start, end, resume, rate, center, _flag(f[6]))
 
 
 @dataclass(frozen=True)
