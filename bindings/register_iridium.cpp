@@ -1,10 +1,16 @@
 #include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
+#include <memory>
+#include <mutex>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +19,7 @@
 #include "register.hpp"
 #include "soopnav/core/random.hpp"
 #include "soopnav/waveform/iridium/burst.hpp"
+#include "soopnav/waveform/iridium/burst_detector.hpp"
 #include "soopnav/waveform/iridium/channel_plan.hpp"
 
 namespace soopnav::python {
@@ -142,6 +149,101 @@ void register_iridium_burst(py::module_& m) {
       py::arg("symbols"), "Symbols by the matched filter.");
 }
 
+/// A detector that several Python threads may hold: calls wait for each other.
+struct IridiumDetector {
+  explicit IridiumDetector(const iridium::DetectorOptions& options) : detector(options) {}
+  std::mutex mutex;
+  iridium::BurstDetector detector;
+};
+
+using IridiumFound = std::vector<iridium::DetectedBurst>;
+
+// In pieces, as one call reports so many at most.
+IridiumFound iridium_push(IridiumDetector& self, IqSpan samples, bool end) {
+  constexpr std::size_t kPiece = 1 << 20;
+  IridiumFound found;
+  const py::gil_scoped_release release;
+  const std::lock_guard lock(self.mutex);
+  while (!samples.empty()) {
+    const IqSpan piece = samples.first(std::min(kPiece, samples.size()));
+    const auto some = self.detector.push(piece);
+    found.insert(found.end(), some.begin(), some.end());
+    samples = samples.subspan(piece.size());
+  }
+  if (end) {
+    const auto some = self.detector.flush();
+    found.insert(found.end(), some.begin(), some.end());
+  }
+  return found;
+}
+
+const char* iridium_word(iridium::SignalClass kind) {
+  switch (kind) {
+    case iridium::SignalClass::kTone:
+      return "tone";
+    case iridium::SignalClass::kContinuous:
+      return "continuous";
+    default:
+      return "burst";
+  }
+}
+
+std::string iridium_text(const iridium::DetectedBurst& b) {
+  std::array<char, 200> text{};
+  std::snprintf(text.data(), text.size(), "<DetectedBurst: %s at %.3f ms, %.2f ms, %.6f MHz, %.1f kHz wide, %.1f dB%s>",
+                iridium_word(b.kind), b.start_s * 1e3, b.duration_s * 1e3, b.frequency_hz * 1e-6, b.bandwidth_hz * 1e-3,
+                b.snr_db, b.cut_start || b.cut_end ? ", cut" : "");
+  return text.data();
+}
+
+void register_iridium_detector(py::module_& m) {
+  using iridium::DetectedBurst;
+  py::native_enum<iridium::SignalClass>(m, "SignalClass", "enum.Enum", "What was found in the spectrum.")
+      .value("BURST", iridium::SignalClass::kBurst, "begins and ends, with a bandwidth like a burst's")
+      .value("TONE", iridium::SignalClass::kTone, "most of its power within 6 kHz: interference")
+      .value("CONTINUOUS", iridium::SignalClass::kContinuous, "longer than any burst")
+      .finalize();
+  py::class_<DetectedBurst>(m, "DetectedBurst", "A signal found in a recording; times from its first sample.")
+      .def_readonly("kind", &DetectedBurst::kind)
+      .def_readonly("start_s", &DetectedBurst::start_s)
+      .def_readonly("duration_s", &DetectedBurst::duration_s)
+      .def_readonly("frequency_hz", &DetectedBurst::frequency_hz, "Of the carrier, the centre frequency added.")
+      .def_readonly("frequency_sigma_hz", &DetectedBurst::frequency_sigma_hz, "Its standard deviation.")
+      .def_readonly("bandwidth_hz", &DetectedBurst::bandwidth_hz, "Of the middle 90 % of the power.")
+      .def_readonly("snr_db", &DetectedBurst::snr_db, "Power over the noise's in 25 kHz.")
+      .def_readonly("cut_start", &DetectedBurst::cut_start, "It was there when the recording began.")
+      .def_readonly("cut_end", &DetectedBurst::cut_end, "It was there when the recording ended, or it got too long.")
+      .def_readonly("fine_frequency", &DetectedBurst::fine_frequency,
+                    "The carrier comes from the symbols, not from the spectrum's centre of gravity.")
+      .def("__repr__", &iridium_text);
+  py::class_<IridiumDetector>(m, "BurstDetector", "Finds bursts in a wide band as the samples come.")
+      .def(py::init(
+               [](double sample_rate_hz, double center_frequency_hz, double false_alarms_per_s, double max_burst_s) {
+                 const iridium::DetectorOptions options{sample_rate_hz, center_frequency_hz, false_alarms_per_s,
+                                                        max_burst_s};
+                 return std::make_unique<IridiumDetector>(options);
+               }),
+           py::arg("sample_rate_hz"), py::kw_only(), py::arg("center_frequency_hz") = 0.0,
+           py::arg("false_alarms_per_s") = 1e-3, py::arg("max_burst_s") = 0.1)
+      .def(
+          "push", [](IridiumDetector& self, const IqArray<"iq">& iq) { return iridium_push(self, iq.span(), false); },
+          py::arg("iq"), "The signals that ended in these samples, in the order of their ends.")
+      .def(
+          "flush", [](IridiumDetector& self) { return iridium_push(self, {}, true); },
+          "Ends the stream: the signals still open.")
+      .def_property_readonly(
+          "samples", [](const IridiumDetector& self) { return self.detector.samples(); }, "Of the stream so far.")
+      .def_property_readonly(
+          "rejected_samples", [](const IridiumDetector& self) { return self.detector.rejected_samples(); },
+          "Samples that were not finite and counted as zero.")
+      .def_property_readonly(
+          "dropped", [](const IridiumDetector& self) { return self.detector.dropped(); },
+          "Signals that found no place in a report.")
+      .def_property_readonly(
+          "threshold", [](const IridiumDetector& self) { return self.detector.threshold(); },
+          "Of the mean power over noise; 0 while the noise is learnt.");
+}
+
 }  // namespace
 
 void register_iridium(py::module_& m) {
@@ -157,6 +259,7 @@ void register_iridium(py::module_& m) {
   m.def("channel_candidates", &iridium_candidates, py::arg("received_hz"), py::kw_only(), py::arg("max_doppler_hz"),
         "Tuples (channel, its centre, Doppler) of the channels near a carrier, nearest first.");
   register_iridium_burst(m);
+  register_iridium_detector(m);
 }
 
 }  // namespace soopnav::python
