@@ -1,4 +1,4 @@
-"""Sampled signals: correlation, delays, resampling.
+"""Sampled signals: correlation, delays, resampling, and delay and Doppler between two recordings.
 
 Samples are ``complex64``, C-contiguous and never copied on the way in.
 """
@@ -8,9 +8,31 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._ambiguity import (
+    AmbiguityStatus,
+    CrossAmbiguityResult,
+    Surface,
+    TdoaFdoaBound,
+    ambiguity_surface,
+    cross_ambiguity,
+    tdoa_fdoa_crlb,
+)
 from soopnav_cpp._core import dsp as _dsp
 
-__all__ = ["convolve", "correlate", "delay", "fft_library", "resample"]
+__all__ = [
+    "AmbiguityStatus",
+    "CrossAmbiguityResult",
+    "Surface",
+    "TdoaFdoaBound",
+    "ambiguity_surface",
+    "convolve",
+    "correlate",
+    "cross_ambiguity",
+    "delay",
+    "fft_library",
+    "resample",
+    "tdoa_fdoa_crlb",
+]
 
 _Iq = npt.NDArray[np.complex64]
 

@@ -61,7 +61,7 @@ struct AmbiguityOptions {
   double carrier_hz = 0.0;
   /// d tdoa / dt [s/s] that is taken out besides: a's clock faster than b's by this much. |rate| <= 1e-2.
   double tdoa_rate = 0.0;
-  /// Estimates what is left of the rate as a third unknown (long recordings); its uncertainty then enters sigma.
+  /// Estimates what is left of the rate as a third unknown (long recordings).
   bool estimate_rate = false;
   /// Rates searched to either side of `tdoa_rate` when `estimate_rate` is set.
   double max_tdoa_rate = 5e-6;
@@ -80,6 +80,7 @@ struct AmbiguityPeak {
 
   double sigma_tdoa_s = std::numeric_limits<double>::infinity();
   double sigma_fdoa_hz = std::numeric_limits<double>::infinity();
+  double sigma_tdoa_rate = std::numeric_limits<double>::infinity();  ///< of a rate estimated
   double correlation = 0.0;  ///< of the two errors; covariance = correlation * sigma_tdoa_s * sigma_fdoa_hz
 
   double epoch_s = 0.0;  ///< instant in b, from its first sample, that tdoa_s and fdoa_hz hold for: the burst's middle

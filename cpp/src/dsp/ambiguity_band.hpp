@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "soopnav/core/iq.hpp"
+#include "soopnav/dsp/fft.hpp"
+
+namespace soopnav::dsp::detail {
+
+/// Where the signal of a pair of recordings lies.
+struct Bands {
+  double center_a_hz = 0.0;
+  double center_b_hz = 0.0;
+  double bandwidth_hz = 0.0;  ///< occupied
+  double noise_a = 0.0;       ///< noise density [power / Hz], 0: could not be told
+  double noise_b = 0.0;
+};
+
+/// What is known of them beforehand; NaN centres and a zero bandwidth are found.
+struct BandRequest {
+  double center_a_hz;
+  double center_b_hz;
+  double bandwidth_hz;
+  double max_doppler_hz;
+  double doppler_center_hz;
+};
+
+/// Finds the band of the strongest signal that two spectra can share (doc/ambiguity.md section 2).
+class BandFinder {
+ public:
+  BandFinder(double sample_rate_hz, double bandwidth_hz, std::size_t max_samples);
+
+  /// Needs `min_samples()`. Allocates nothing.
+  Bands find(IqSpan a, IqSpan b, const BandRequest& request) noexcept;
+
+  [[nodiscard]] std::size_t min_samples() const noexcept { return 4 * size_; }
+
+ private:
+  struct Side {
+    std::vector<double> raw;    // mean power spectrum, lowest frequency first [power / Hz]
+    std::vector<double> clean;  // without narrow lines
+    std::vector<double> sums;   // running sums of clean / floor - 1
+    double averages = 1.0;
+    double floor = 0.0;
+    bool floor_known = false;
+  };
+  struct Window {
+    std::size_t first_a = 0, first_b = 0, width = 1;
+    double score = 0.0;
+  };
+
+  void spectrum(IqSpan iq, std::size_t step, std::size_t hop, Side& side) noexcept;
+  void remove_lines(Side& side) noexcept;
+  void sum(Side& side, bool excluded, std::size_t first, std::size_t width) noexcept;
+  [[nodiscard]] double excess(const Side& side, std::size_t first, std::size_t width) const noexcept;
+  Window best(const BandRequest& request, std::size_t width) const noexcept;
+  Window search(const BandRequest& request) noexcept;
+  [[nodiscard]] double centroid(const Side& side, std::size_t first, std::size_t width) const noexcept;
+  [[nodiscard]] double frequency(double bin) const noexcept;
+
+  double rate_;
+  std::size_t size_;
+  Fft fft_;
+  std::vector<float> window_;
+  double window_power_ = 0.0;
+  std::vector<Cf32> input_, output_;
+  std::vector<double> sorted_;
+  Side a_, b_;
+};
+
+}  // namespace soopnav::dsp::detail
