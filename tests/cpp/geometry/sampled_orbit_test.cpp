@@ -129,7 +129,7 @@ TEST(SignalPath, StraightLineInSpace) {
   OrbitState now;
   ASSERT_TRUE(orbit.at(t, now));
   EXPECT_GT(std::abs((now.p_e - p).norm() - path.range_m), 1.0);
-  EXPECT_GT(std::abs((sent.p_e - p).norm() - path.range_m), 0.1);
+  EXPECT_GT(std::abs((sent.p_e - p).norm() - path.range_m), 0.02);
 }
 
 TEST(SignalPath, RateIsTheDerivativeOfTheDelay) {
@@ -141,11 +141,11 @@ TEST(SignalPath, RateIsTheDerivativeOfTheDelay) {
     const Eigen::Vector3d v(120.0, -230.0, 40.0);
     SignalPath path, before, after;
     ASSERT_TRUE(signal_path(orbit, t, p, v, path));
-    const double h = 0.02;
+    const double h = 0.003;
     ASSERT_TRUE(signal_path(orbit, t - h, p - v * h, v, before));
     ASSERT_TRUE(signal_path(orbit, t + h, p + v * h, v, after));
     const double difference = (after.delay_s - before.delay_s) / (2.0 * h);
-    EXPECT_NEAR(path.delay_rate, difference, 2e-14);  // 6 um/s: what is left is h² of the third derivative
+    EXPECT_NEAR(path.delay_rate, difference, 1e-14);  // 3 um/s, by rounding and h² of the third derivative
     // A rate without light time and turn is off by some mm/s to m/s.
     OrbitState now;
     ASSERT_TRUE(orbit.at(t, now));
