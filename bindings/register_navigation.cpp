@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "array.hpp"
+#include "doppler_fix.hpp"
 #include "register.hpp"
 #include "soopnav/navigation/position_fix.hpp"
 
@@ -190,6 +191,8 @@ void register_navigation(py::module_& m) {
       py::arg("dimensions") = py::none(), py::arg("height_m") = py::none(), py::arg("near_m") = py::none(),
       py::arg("period_s") = 10e-3, py::arg("reject_outliers") = true, py::arg("false_alarm_probability") = 1e-3,
       py::arg("max_iterations") = 50, "Position and receiver clock from times of arrival.");
+
+  register_doppler_fix(m);
 }
 
 }  // namespace soopnav::python

@@ -1,20 +1,27 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <limits>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "array.hpp"
+#include "doppler_fix.hpp"
 #include "register.hpp"
 #include "soopnav/geometry/orbit.hpp"
 #include "soopnav/geometry/sampled_orbit.hpp"
+#include "soopnav/navigation/doppler_fix.hpp"
 
 namespace soopnav::python {
 
@@ -265,6 +272,109 @@ ValueError
           },
           py::arg("start_s"), py::arg("duration_s"), py::arg("step_s"), py::arg("gmst_rad"), py::arg("first_node_rad"),
           py::arg("first_phase_rad"), "A sampled orbit for each satellite, a step longer at both ends.");
+}
+
+void register_doppler_fix(py::module_& m) {
+  using navigation::DopplerStatus;
+  using navigation::DopplerUse;
+  py::native_enum<DopplerStatus>(m, "DopplerStatus", "enum.Enum", "How a fix from Dopplers ended.")
+      .value("CONVERGED", DopplerStatus::kConverged)
+      .value("AMBIGUOUS", DopplerStatus::kAmbiguous)
+      .value("TOO_FEW_ROWS", DopplerStatus::kTooFewRows)
+      .value("TOO_FEW_SATELLITES", DopplerStatus::kTooFewSatellites)
+      .value("TOO_MANY_SATELLITES", DopplerStatus::kTooManySatellites)
+      .value("RANK_DEFICIENT", DopplerStatus::kRankDeficient)
+      .value("NOT_CONVERGED", DopplerStatus::kNotConverged)
+      .finalize();
+  py::native_enum<DopplerUse>(m, "DopplerUse", "enum.IntEnum", "What a fix did with a Doppler.")
+      .value("USED", DopplerUse::kUsed)
+      .value("NOT_FINITE", DopplerUse::kNotFinite)
+      .value("BAD_SIGMA", DopplerUse::kBadSigma)
+      .value("STALE", DopplerUse::kStale)
+      .finalize();
+  m.def(
+      "doppler_fix",
+      [](const Table<"rows">& table, const py::kwargs& arguments) {
+        if (table.columns() != 12) throw std::invalid_argument("rows: twelve columns expected");
+        std::vector<navigation::DopplerRow> rows(table.rows());
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+          const auto c = table.row(i);
+          rows[i] = {c[0], static_cast<int>(c[1]), c[2], c[3], {c[4], c[5], c[6]}, {c[7], c[8], c[9]}, c[10], c[11]};
+        }
+        navigation::DopplerFixOptions options;
+        const auto number = [&](const char* name, double& value) {
+          if (arguments.contains(name)) value = arguments[name].cast<double>();
+        };
+        const auto vector = [&](const char* name) -> std::optional<Eigen::Vector3d> {
+          if (!arguments.contains(name) || arguments[name].is_none()) return std::nullopt;
+          const Numbers<"start_e_m, velocity_e_mps"> v(arguments[name]);
+          if (v.span().size() != 3) throw std::invalid_argument(std::string(name) + ": three numbers expected");
+          return Eigen::Vector3d(v.span()[0], v.span()[1], v.span()[2]);
+        };
+        number("carrier_hz", options.carrier_hz);
+        number("height_sigma_m", options.height_sigma_m);
+        number("frequency_bias_sigma_hz", options.frequency_bias_sigma_hz);
+        number("frequency_drift_sigma_hz_per_s", options.frequency_drift_sigma_hz_per_s);
+        number("satellite_bias_sigma_hz", options.satellite_bias_sigma_hz);
+        number("max_age_s", options.max_age_s);
+        number("mask_rad", options.mask_rad);
+        number("ambiguity_gate", options.ambiguity_gate);
+        if (!arguments["height_m"].is_none()) options.height_m = arguments["height_m"].cast<double>();
+        options.estimate_sigma = arguments["estimate_sigma"].cast<bool>();
+        options.search = arguments["search"].cast<bool>();
+        options.max_iterations = arguments["max_iterations"].cast<int>();
+        options.source_instant = arguments["at_sending"].cast<bool>() ? navigation::SourceInstant::kSending
+                                                                      : navigation::SourceInstant::kReception;
+        options.start_p_e = vector("start_e_m");
+        if (const auto v = vector("velocity_e_mps")) options.velocity_e = *v;
+        navigation::DopplerFix fix;
+        {
+          const py::gil_scoped_release release;
+          fix = navigation::doppler_fix(rows, options);
+        }
+        py::dict out;
+        out["status"] = fix.status;
+        const auto three = [](const double* v) { return to_array(std::vector<double>(v, v + 3)); };
+        out["position_e_m"] = three(fix.position_e.data());
+        out["latitude_rad"] = fix.place.latitude_rad;
+        out["longitude_rad"] = fix.place.longitude_rad;
+        out["height_m"] = fix.place.height_m;
+        const double* c = fix.covariance_enu.data();
+        out["covariance_enu_m2"] = to_array(std::vector<double>(c, c + 9), {3, 3});
+        out["sigma_2d_m"] = fix.sigma_2d_m;
+        out["frequency_bias_hz"] = fix.frequency_bias_hz;
+        out["frequency_bias_sigma_hz"] = fix.frequency_bias_sigma_hz;
+        out["frequency_drift_hz_per_s"] = fix.frequency_drift_hz_per_s;
+        out["frequency_drift_sigma_hz_per_s"] = fix.frequency_drift_sigma_hz_per_s;
+        out["reference_s"] = fix.reference_s;
+        out["sigma_scale"] = fix.sigma_scale;
+        out["chi_square"] = fix.chi_square;
+        out["degrees_of_freedom"] = fix.degrees_of_freedom;
+        std::vector<double> satellites;
+        for (const navigation::DopplerSatellite& s : fix.satellites) {
+          satellites.insert(satellites.end(), {static_cast<double>(s.satellite), static_cast<double>(s.rows), s.bias_hz,
+                                               s.bias_sigma_hz, s.along_track_m, s.along_track_sigma_m});
+        }
+        out["satellites"] = to_array(std::move(satellites), {static_cast<py::ssize_t>(fix.satellites.size()), 6});
+        std::vector<std::uint8_t> use(fix.use.size());
+        std::transform(fix.use.begin(), fix.use.end(), use.begin(),
+                       [](DopplerUse u) { return static_cast<std::uint8_t>(u); });
+        out["use"] = to_array(std::move(use));
+        out["residuals_hz"] = to_array(std::move(fix.residuals_hz));
+        std::vector<double> others, excess;
+        for (const navigation::DopplerAlternative& a : fix.alternatives) {
+          others.insert(others.end(), a.position_e.data(), a.position_e.data() + 3);
+          excess.push_back(a.chi_square_excess);
+        }
+        out["alternatives_e_m"] = to_array(std::move(others), {static_cast<py::ssize_t>(excess.size()), 3});
+        out["alternatives_excess"] = to_array(std::move(excess));
+        out["bias_chi_square"] = fix.bias_chi_square;
+        out["bias_degrees_of_freedom"] = fix.bias_degrees_of_freedom;
+        out["bias_probability"] = fix.bias_probability;
+        out["iterations"] = fix.iterations;
+        return out;
+      },
+      py::arg("rows"), "Rows of t, satellite, Doppler, sigma, p (3), v (3), along-track sigma, age; see the face.");
 }
 
 }  // namespace soopnav::python

@@ -6,6 +6,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
+from soopnav_cpp._doppler_fix import DopplerFix, DopplerStatus, DopplerUse, doppler_fix
 from soopnav_cpp._handset import (
     HandsetEstimate,
     HandsetLocator,
@@ -39,6 +40,9 @@ from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownSt
 
 __all__ = [
     "BearingUse",
+    "DopplerFix",
+    "DopplerStatus",
+    "DopplerUse",
     "FixStatus",
     "HandsetEstimate",
     "HandsetLocator",
@@ -70,6 +74,7 @@ __all__ = [
     "StrapdownStart",
     "TrackState",
     "cep",
+    "doppler_fix",
     "likelihood_surface",
     "locate_nodes",
     "locate_source",

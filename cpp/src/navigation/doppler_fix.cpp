@@ -1,0 +1,590 @@
+#include "soopnav/navigation/doppler_fix.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+
+#include "soopnav/core/constants.hpp"
+#include "soopnav/estimation/chi_square.hpp"
+#include "soopnav/geometry/local_frame.hpp"
+
+namespace soopnav::navigation {
+namespace {
+
+constexpr double kOmega = wgs84::kEarthRateRadps;
+constexpr double kFreeBiasHz = 1e5;        // a prior so wide that it says nothing
+constexpr std::size_t kGridPoints = 4000;  // about 360 km apart
+constexpr std::size_t kGridStarts = 10;
+constexpr double kGridSlackRad = 3.0 / 180.0 * kPi;
+constexpr double kDistinctM = 1000.0;
+constexpr double kStepSigmas = 1e-5;
+constexpr double kLeastPivot = 1e-13;
+
+Eigen::Vector3d cross_rate(const Eigen::Vector3d& v) noexcept { return {-kOmega * v.y(), kOmega * v.x(), 0.0}; }
+
+// Which unknowns there are, and where (east, north, [up], bias, [drift], [satellite biases], [ways ahead]).
+struct Unknowns {
+  int position = 2, drift = -1, biases = -1, along = -1, count = 3;
+  [[nodiscard]] int bias() const { return position; }
+};
+
+struct Point {
+  Eigen::Vector3d p_e;
+  Eigen::VectorXd nuisance;  // everything after the position
+};
+
+struct Row {
+  const DopplerRow* data;
+  int satellite;  // index
+  double weight;  // 1 / sigma
+};
+
+class Batch {
+ public:
+  Batch(std::vector<Row> rows, const DopplerFixOptions& options, std::span<const double> along_sigmas_m,
+        double satellite_bias_sigma_hz, double reference_s, double scale)
+      : rows_(std::move(rows)),
+        options_(options),
+        along_sigmas_m_(along_sigmas_m),
+        bias_sigma_hz_(satellite_bias_sigma_hz),
+        reference_s_(reference_s),
+        scale_(scale) {
+    const int n = static_cast<int>(along_sigmas_m.size());
+    u_.position = options.height_m && options.height_sigma_m == 0.0 ? 2 : 3;
+    u_.count = u_.position + 1;
+    if (options.frequency_drift_sigma_hz_per_s > 0.0) u_.drift = u_.count++;
+    if (bias_sigma_hz_ > 0.0) {
+      u_.biases = u_.count;
+      u_.count += n;
+    }
+    if (std::any_of(along_sigmas_m.begin(), along_sigmas_m.end(), [](double s) { return s > 0.0; })) {
+      u_.along = u_.count;
+      u_.count += n;
+    }
+  }
+
+  [[nodiscard]] const Unknowns& unknowns() const { return u_; }
+  [[nodiscard]] const std::vector<Row>& rows() const { return rows_; }
+  [[nodiscard]] Point at(const Eigen::Vector3d& p_e) const {
+    return {p_e, Eigen::VectorXd::Zero(u_.count - u_.position)};
+  }
+  [[nodiscard]] int priors() const {
+    int n = u_.position == 3 && options_.height_m ? 1 : 0;
+    n += std::isfinite(options_.frequency_bias_sigma_hz) ? 1 : 0;
+    n += u_.drift >= 0 && std::isfinite(options_.frequency_drift_sigma_hz_per_s) ? 1 : 0;
+    n += u_.biases >= 0 ? static_cast<int>(along_sigmas_m_.size()) : 0;
+    n += u_.along >= 0 ? static_cast<int>(along_sigmas_m_.size()) : 0;
+    return n;
+  }
+  [[nodiscard]] int degrees() const { return static_cast<int>(rows_.size()) + priors() - u_.count; }
+
+  // Measured minus predicted of one row; derivatives of the prediction.
+  [[nodiscard]] bool residual(const Row& row, const Point& x, double& out, Eigen::Vector3d& by_position,
+                              double& by_along) const {
+    double doppler_hz = 0.0;
+    if (!predict_doppler(*row.data, options_, x.p_e, value(x, u_.along, row.satellite), doppler_hz, by_position,
+                         by_along))
+      return false;
+    doppler_hz += x.nuisance[0] + value(x, u_.biases, row.satellite);
+    if (u_.drift >= 0) doppler_hz += x.nuisance[u_.drift - u_.position] * (row.data->t_s - reference_s_);
+    out = row.data->doppler_hz - doppler_hz;
+    return true;
+  }
+
+  // Normal equations A d = g and the sum of squares; false when something is not defined.
+  [[nodiscard]] bool accumulate(const Point& x, Eigen::MatrixXd& A, Eigen::VectorXd& g, double& cost,
+                                double& data_cost) const {
+    A.setZero(u_.count, u_.count);
+    g.setZero(u_.count);
+    cost = 0.0;
+    const auto place = geometry::ecef_to_geodetic(x.p_e);
+    if (!place) return false;
+    const Eigen::Matrix3d axes = geometry::rotation_ecef_to_enu(place->latitude_rad, place->longitude_rad);
+    for (const Row& row : rows_) {
+      double r = 0.0, by_along = 0.0;
+      Eigen::Vector3d by_position;
+      if (!residual(row, x, r, by_position, by_along)) return false;
+      const double w = row.weight / scale_;
+      const Eigen::Vector3d local = w * (axes * by_position);
+      r *= w;
+      cost += r * r;
+      // The few columns that are not zero.
+      int index[7];
+      double value[7];
+      int n = 0;
+      for (int k = 0; k < u_.position; ++k) {
+        index[n] = k;
+        value[n++] = local[k];
+      }
+      index[n] = u_.bias();
+      value[n++] = w;
+      if (u_.drift >= 0) {
+        index[n] = u_.drift;
+        value[n++] = w * (row.data->t_s - reference_s_);
+      }
+      if (u_.biases >= 0) {
+        index[n] = u_.biases + row.satellite;
+        value[n++] = w;
+      }
+      if (u_.along >= 0) {
+        index[n] = u_.along + row.satellite;
+        value[n++] = w * by_along;
+      }
+      for (int i = 0; i < n; ++i) {
+        g[index[i]] += value[i] * r;
+        for (int j = 0; j < n; ++j) A(index[i], index[j]) += value[i] * value[j];
+      }
+    }
+    data_cost = cost;
+    const auto prior = [&](int i, double is, double expected, double sigma) {
+      if (!std::isfinite(sigma)) return;
+      const double r = (expected - is) / sigma;
+      A(i, i) += 1.0 / (sigma * sigma);
+      g[i] += r / sigma;
+      cost += r * r;
+    };
+    if (u_.position == 3 && options_.height_m) prior(2, place->height_m, *options_.height_m, options_.height_sigma_m);
+    prior(u_.bias(), x.nuisance[0], 0.0, options_.frequency_bias_sigma_hz);
+    if (u_.drift >= 0)
+      prior(u_.drift, x.nuisance[u_.drift - u_.position], 0.0, options_.frequency_drift_sigma_hz_per_s);
+    for (int k = 0; k < static_cast<int>(along_sigmas_m_.size()); ++k) {
+      if (u_.biases >= 0) prior(u_.biases + k, value(x, u_.biases, k), 0.0, bias_sigma_hz_);
+      // A satellite without an error along its way has its unknown held at zero.
+      const double along = along_sigmas_m_[static_cast<std::size_t>(k)];
+      if (u_.along >= 0) prior(u_.along + k, value(x, u_.along, k), 0.0, along > 0.0 ? along : 1e-3);
+    }
+    return std::isfinite(cost);
+  }
+
+  // East and north over the ellipsoid at the same height, then up: a known height stays what it is.
+  [[nodiscard]] std::optional<Point> moved(const Point& x, const Eigen::VectorXd& d) const {
+    const auto place = geometry::ecef_to_geodetic(x.p_e);
+    if (!place) return std::nullopt;
+    const Eigen::Matrix3d axes = geometry::rotation_ecef_to_enu(place->latitude_rad, place->longitude_rad);
+    const auto to = geometry::ecef_to_geodetic(x.p_e + axes.row(0).transpose() * d[0] + axes.row(1).transpose() * d[1]);
+    if (!to) return std::nullopt;
+    const double height_m = place->height_m + (u_.position == 3 ? d[2] : 0.0);
+    if (!(std::abs(height_m) < 1e6)) return std::nullopt;
+    return Point{geometry::geodetic_to_ecef(to->latitude_rad, to->longitude_rad, height_m),
+                 x.nuisance + d.tail(d.size() - u_.position)};
+  }
+
+  [[nodiscard]] double value(const Point& x, int first, int k) const {
+    return first < 0 ? 0.0 : x.nuisance[first + k - u_.position];
+  }
+
+ private:
+  std::vector<Row> rows_;
+  const DopplerFixOptions& options_;
+  std::span<const double> along_sigmas_m_;
+  double bias_sigma_hz_, reference_s_, scale_;
+  Unknowns u_;
+};
+
+struct Solution {
+  Point x;
+  double cost = std::numeric_limits<double>::infinity();
+  double data_cost = std::numeric_limits<double>::infinity();
+  bool converged = false;
+  bool full_rank = false;
+  int iterations = 0;
+};
+
+// The factor of A scaled to a unit diagonal; false when a direction is free.
+bool factor(const Eigen::MatrixXd& A, double damping, Eigen::VectorXd& scale, Eigen::LDLT<Eigen::MatrixXd>& f) {
+  scale = A.diagonal().cwiseSqrt();
+  for (Eigen::Index i = 0; i < scale.size(); ++i) scale[i] = scale[i] > 0.0 ? 1.0 / scale[i] : 1.0;
+  Eigen::MatrixXd scaled = scale.asDiagonal() * A * scale.asDiagonal();
+  scaled.diagonal().array() += damping;
+  f.compute(scaled);
+  return f.info() == Eigen::Success && f.vectorD().minCoeff() > kLeastPivot;
+}
+
+Solution descend(const Batch& batch, Point start, int max_iterations) {
+  Solution best;
+  best.x = std::move(start);
+  Eigen::MatrixXd A, next_A;
+  Eigen::VectorXd g, next_g, scale;
+  Eigen::LDLT<Eigen::MatrixXd> f;
+  if (!batch.accumulate(best.x, A, g, best.cost, best.data_cost)) {
+    best.cost = std::numeric_limits<double>::infinity();
+    return best;
+  }
+  double damping = 0.0;
+  for (best.iterations = 1; best.iterations <= max_iterations; ++best.iterations) {
+    const bool regular = factor(A, damping, scale, f);
+    if (damping == 0.0) best.full_rank = regular;
+    if (!regular) {
+      damping = std::max(10.0 * damping, 1e-8);
+      if (damping > 1e6) return best;
+      continue;
+    }
+    const Eigen::VectorXd d = scale.cwiseProduct(f.solve(scale.cwiseProduct(g)));
+    if (best.full_rank && d.dot(g) <= kStepSigmas * kStepSigmas) {
+      best.converged = true;
+      return best;
+    }
+    const auto next = batch.moved(best.x, d);
+    double cost = 0.0, data_cost = 0.0;
+    if (next && batch.accumulate(*next, next_A, next_g, cost, data_cost) && cost < best.cost) {
+      // A step that no longer changes the sum is lost in rounding.
+      const bool still = best.cost - cost <= 1e-12 * best.cost;
+      best.x = *next;
+      best.cost = cost;
+      best.data_cost = data_cost;
+      A.swap(next_A);
+      g.swap(next_g);
+      damping = damping > 1e-7 ? 0.1 * damping : 0.0;
+      if (still && best.full_rank) {
+        best.converged = true;
+        return best;
+      }
+    } else {
+      if (best.full_rank && d.dot(g) <= 1e-12 * (1.0 + best.cost)) {
+        best.converged = true;
+        return best;
+      }
+      damping = std::max(10.0 * damping, 1e-4);
+      if (damping > 1e12) return best;
+    }
+  }
+  best.iterations = max_iterations;
+  return best;
+}
+
+// The sum of squares with the linear unknowns at their best for a position, and those.
+double profile(const Batch& batch, Point& x) {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd g, scale;
+  Eigen::LDLT<Eigen::MatrixXd> f;
+  double cost = 0.0, data_cost = 0.0;
+  if (!batch.accumulate(x, A, g, cost, data_cost)) return std::numeric_limits<double>::infinity();
+  const Eigen::Index n = x.nuisance.size();
+  const Eigen::MatrixXd inner = A.bottomRightCorner(n, n);
+  const Eigen::VectorXd inner_g = g.tail(n);
+  if (!factor(inner, 1e-10, scale, f)) return std::numeric_limits<double>::infinity();
+  const Eigen::VectorXd d = scale.cwiseProduct(f.solve(scale.cwiseProduct(inner_g)));
+  x.nuisance += d;
+  return cost - d.dot(inner_g);
+}
+
+// Starts: the best of a grid over the places that see most rows, and the caller's.
+std::vector<Point> starts(const Batch& batch, const DopplerFixOptions& options) {
+  std::vector<Point> out;
+  if (options.start_p_e) {
+    // The caller's start, brought to the known height.
+    const auto place = geometry::ecef_to_geodetic(*options.start_p_e);
+    const double height_m = options.height_m ? *options.height_m : place->height_m;
+    Point x = batch.at(geometry::geodetic_to_ecef(place->latitude_rad, place->longitude_rad, height_m));
+    profile(batch, x);
+    out.push_back(std::move(x));
+  }
+  if (!options.search) return out;
+  const double least = std::sin(options.mask_rad - kGridSlackRad);
+  std::vector<Eigen::Vector3d> places;
+  std::size_t most = 0;
+  for (std::size_t i = 0; i < kGridPoints; ++i) {
+    // A spiral whose points have equal areas of the sphere.
+    const double z = 1.0 - (2.0 * static_cast<double>(i) + 1.0) / kGridPoints;
+    const double longitude = std::remainder(static_cast<double>(i) * kPi * (3.0 - std::sqrt(5.0)), kTwoPi);
+    const double latitude = std::asin(z);
+    const Eigen::Vector3d p = geometry::geodetic_to_ecef(latitude, longitude, options.height_m.value_or(0.0));
+    const double r = std::sqrt(1.0 - z * z);
+    const Eigen::Vector3d up(r * std::cos(longitude), r * std::sin(longitude), z);
+    std::size_t seen = 0;
+    for (const Row& row : batch.rows()) {
+      const Eigen::Vector3d line = row.data->source_p_e - p;
+      if (up.dot(line) >= least * line.norm()) ++seen;
+    }
+    if (seen > most) {
+      most = seen;
+      places.clear();
+    }
+    if (seen == most) places.push_back(p);
+  }
+  std::vector<std::pair<double, Point>> ranked;
+  for (const Eigen::Vector3d& p : places) {
+    Point x = batch.at(p);
+    const double cost = profile(batch, x);
+    if (std::isfinite(cost)) ranked.emplace_back(cost, std::move(x));
+  }
+  const auto count = std::min(kGridStarts, ranked.size());
+  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count), ranked.end(),
+                    [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (std::size_t i = 0; i < count; ++i) out.push_back(std::move(ranked[i].second));
+  return out;
+}
+
+DopplerUse judge(const DopplerRow& row, double max_age_s) noexcept {
+  const bool finite = std::isfinite(row.t_s) && std::isfinite(row.doppler_hz) && row.source_p_e.allFinite() &&
+                      row.source_v_e.allFinite() && std::isfinite(row.sigma_hz) &&
+                      std::isfinite(row.along_track_sigma_m) && std::isfinite(row.age_s);
+  if (!finite) return DopplerUse::kNotFinite;
+  if (!(row.sigma_hz > 0.0) || row.along_track_sigma_m < 0.0) return DopplerUse::kBadSigma;
+  return std::abs(row.age_s) > max_age_s ? DopplerUse::kStale : DopplerUse::kUsed;
+}
+
+[[noreturn]] void refuse(const char* option, double value, const char* rule) {
+  throw std::invalid_argument(std::string(option) + ": " + std::to_string(value) + ", " + rule + " expected");
+}
+
+}  // namespace
+
+void DopplerFixOptions::check() const {
+  if (!(carrier_hz > 0.0) || !std::isfinite(carrier_hz)) refuse("carrier_hz", carrier_hz, "a positive number");
+  if (!velocity_e.allFinite()) throw std::invalid_argument("velocity_e: three finite numbers expected");
+  if (height_m && !(std::abs(*height_m) < 1e6)) refuse("height_m", *height_m, "less than 1000 km");
+  if (!(height_sigma_m >= 0.0) || !std::isfinite(height_sigma_m))
+    refuse("height_sigma_m", height_sigma_m, "a finite number that is not negative");
+  if (!(frequency_bias_sigma_hz > 0.0)) refuse("frequency_bias_sigma_hz", frequency_bias_sigma_hz, "a positive number");
+  if (!(frequency_drift_sigma_hz_per_s >= 0.0))
+    refuse("frequency_drift_sigma_hz_per_s", frequency_drift_sigma_hz_per_s, "a number that is not negative");
+  if (!(satellite_bias_sigma_hz >= 0.0) || !std::isfinite(satellite_bias_sigma_hz))
+    refuse("satellite_bias_sigma_hz", satellite_bias_sigma_hz, "a finite number that is not negative");
+  if (!(max_age_s >= 0.0)) refuse("max_age_s", max_age_s, "a number that is not negative");
+  if (!(std::abs(mask_rad) < 0.5 * kPi)) refuse("mask_rad", mask_rad, "an angle below pi/2");
+  if (!(ambiguity_gate >= 0.0)) refuse("ambiguity_gate", ambiguity_gate, "a number that is not negative");
+  if (max_iterations < 1) refuse("max_iterations", max_iterations, "at least 1");
+  if (start_p_e && !geometry::ecef_to_geodetic(*start_p_e))
+    throw std::invalid_argument("start_p_e: a place at least 1000 km from the Earth's centre expected");
+  if (!search && !start_p_e) throw std::invalid_argument("search: false without start_p_e");
+}
+
+std::string_view to_string(DopplerStatus status) noexcept {
+  switch (status) {
+    case DopplerStatus::kConverged:
+      return "converged";
+    case DopplerStatus::kAmbiguous:
+      return "ambiguous";
+    case DopplerStatus::kTooFewRows:
+      return "too few rows";
+    case DopplerStatus::kTooFewSatellites:
+      return "too few satellites";
+    case DopplerStatus::kTooManySatellites:
+      return "too many satellites";
+    case DopplerStatus::kRankDeficient:
+      return "rank deficient";
+    case DopplerStatus::kNotConverged:
+      return "not converged";
+  }
+  return "unknown";
+}
+
+bool predict_doppler(const DopplerRow& row, const DopplerFixOptions& options, const Eigen::Vector3d& p_e,
+                     double along_track_m, double& doppler_hz, Eigen::Vector3d& by_position,
+                     double& by_along_track) noexcept {
+  // In space, along the axes of reception (doc/doppler_fix.md eq. 2-4).
+  const Eigen::Vector3d w = row.source_v_e + cross_rate(row.source_p_e);
+  const double distance = row.source_p_e.norm();
+  const double speed = w.norm();
+  const Eigen::Vector3d a = -wgs84::kGravitationalParameterM3ps2 / (distance * distance * distance) * row.source_p_e;
+  const double ahead_s = along_track_m != 0.0 ? along_track_m / speed : 0.0;
+  const bool back = options.source_instant == SourceInstant::kReception;
+  double lag_s = -ahead_s;
+  Eigen::Vector3d s = row.source_p_e;
+  for (int turn = 0; turn < (back ? 4 : 1); ++turn) {
+    s = row.source_p_e - lag_s * w + 0.5 * lag_s * lag_s * a;
+    if (back) lag_s = (s - p_e).norm() / kSpeedOfLightMps - ahead_s;
+  }
+  const Eigen::Vector3d inertial_v = w - lag_s * a;
+  const Eigen::Vector3d v = inertial_v - cross_rate(s) - options.velocity_e;
+  const Eigen::Vector3d line = s - p_e;
+  const double range = line.norm();
+  if (!(range > 1.0) || !std::isfinite(range)) return false;
+  const Eigen::Vector3d u = line / range;
+  const double slope = kSpeedOfLightMps + u.dot(inertial_v);
+  const double rate = u.dot(v) / slope;
+  doppler_hz = -options.carrier_hz * rate;
+  // By the line's turn alone: the change of the light time adds 3e-5 of it.
+  const auto across = [&](const Eigen::Vector3d& x) { return Eigen::Vector3d(x - u * u.dot(x)); };
+  by_position = options.carrier_hz / (slope * range) * (across(v) - rate * across(inertial_v));
+  by_along_track = 0.0;
+  if (speed > 0.0) {
+    const Eigen::Vector3d turn_u = across(inertial_v) / (range * speed);
+    const Eigen::Vector3d turn_v = (a - cross_rate(inertial_v)) / speed;
+    by_along_track = -options.carrier_hz *
+                     (turn_u.dot(v) + u.dot(turn_v) - rate * (turn_u.dot(inertial_v) + u.dot(a) / speed)) / slope;
+  }
+  return std::isfinite(doppler_hz);
+}
+
+DopplerFix doppler_fix(std::span<const DopplerRow> rows, const DopplerFixOptions& options) {
+  options.check();
+  DopplerFix fix;
+  fix.use.reserve(rows.size());
+  fix.residuals_hz.assign(rows.size(), DopplerFix::kNan);
+  std::vector<Row> used;
+  std::vector<int> names;
+  for (const DopplerRow& row : rows) {
+    fix.use.push_back(judge(row, options.max_age_s));
+    if (fix.use.back() == DopplerUse::kUsed) names.push_back(row.satellite);
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  fix.satellites.resize(names.size());
+  std::vector<double> along_sigmas_m(names.size(), 0.0);
+  double sum_s = 0.0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (fix.use[i] != DopplerUse::kUsed) continue;
+    const auto k =
+        static_cast<std::size_t>(std::lower_bound(names.begin(), names.end(), rows[i].satellite) - names.begin());
+    DopplerSatellite& satellite = fix.satellites[k];
+    if (satellite.rows++ == 0) along_sigmas_m[k] = rows[i].along_track_sigma_m;
+    satellite.satellite = rows[i].satellite;
+    used.push_back({&rows[i], static_cast<int>(k), 1.0 / rows[i].sigma_hz});
+    sum_s += rows[i].t_s;
+  }
+  if (used.size() < 4) return fix;
+  if (names.size() < 2) {
+    fix.status = DopplerStatus::kTooFewSatellites;
+    return fix;
+  }
+  if (names.size() > kMaxDopplerSatellites) {
+    fix.status = DopplerStatus::kTooManySatellites;
+    return fix;
+  }
+  fix.reference_s = sum_s / static_cast<double>(used.size());
+  const auto batch_of = [&](double bias_sigma_hz, double scale) {
+    return Batch(used, options, along_sigmas_m, bias_sigma_hz, fix.reference_s, scale);
+  };
+
+  // Starts need only the model without the satellites' constants: few unknowns, and the same minima.
+  const Batch plain = batch_of(0.0, 1.0);
+  if (plain.degrees() < 0) return fix;
+  std::vector<Solution> found;
+  for (Point& start : starts(plain, options)) {
+    Solution s = descend(plain, std::move(start), options.max_iterations);
+    if (std::isfinite(s.cost)) found.push_back(std::move(s));
+  }
+  if (found.empty()) {
+    fix.status = DopplerStatus::kNotConverged;
+    return fix;
+  }
+
+  // Every minimum again with all unknowns.
+  double scale = 1.0;
+  const auto refine = [&](const Batch& batch) {
+    std::vector<Solution> out;
+    for (const Solution& s : found) {
+      Point x = batch.at(s.x.p_e);
+      x.nuisance.head(std::min(x.nuisance.size(), s.x.nuisance.size())).setZero();
+      profile(batch, x);
+      Solution better = descend(batch, std::move(x), options.max_iterations);
+      if (!std::isfinite(better.cost)) continue;
+      const auto same = [&](const Solution& o) { return (o.x.p_e - better.x.p_e).norm() < kDistinctM; };
+      const auto twin = std::find_if(out.begin(), out.end(), same);
+      if (twin == out.end()) {
+        out.push_back(std::move(better));
+      } else if (better.converged > twin->converged ||
+                 (better.converged == twin->converged && better.cost < twin->cost)) {
+        *twin = std::move(better);
+      }
+    }
+    std::sort(out.begin(), out.end(), [](const Solution& a, const Solution& b) {
+      return a.converged != b.converged ? a.converged : a.cost < b.cost;
+    });
+    return out;
+  };
+  std::sort(found.begin(), found.end(), [](const Solution& a, const Solution& b) { return a.cost < b.cost; });
+  if (options.estimate_sigma) {
+    for (int round = 0; round < 3; ++round) {
+      const Batch batch = batch_of(options.satellite_bias_sigma_hz, scale);
+      if (batch.degrees() < 1) break;
+      Point x = batch.at(found.front().x.p_e);
+      profile(batch, x);
+      const Solution s = descend(batch, std::move(x), options.max_iterations);
+      if (!(std::isfinite(s.cost) && s.cost > 0.0)) break;
+      scale *= std::sqrt(s.cost / batch.degrees());
+    }
+    fix.sigma_scale = scale;
+  }
+  const Batch batch = batch_of(options.satellite_bias_sigma_hz, scale);
+  if (batch.degrees() < 0) return fix;
+  const std::vector<Solution> solutions = refine(batch);
+  if (solutions.empty()) {
+    fix.status = DopplerStatus::kNotConverged;
+    return fix;
+  }
+  const Solution& best = solutions.front();
+  const Unknowns& u = batch.unknowns();
+  fix.position_e = best.x.p_e;
+  const auto place = geometry::ecef_to_geodetic(best.x.p_e);
+  if (place) fix.place = *place;
+  fix.iterations = best.iterations;
+  fix.chi_square = best.cost;
+  fix.degrees_of_freedom = batch.degrees();
+  fix.frequency_bias_hz = best.x.nuisance[0];
+  fix.frequency_drift_hz_per_s = u.drift >= 0 ? best.x.nuisance[u.drift - u.position] : 0.0;
+
+  for (const Row& row : used) {
+    double r = DopplerFix::kNan, by_along = 0.0;
+    Eigen::Vector3d unused;
+    if (batch.residual(row, best.x, r, unused, by_along))
+      fix.residuals_hz[static_cast<std::size_t>(row.data - rows.data())] = r;
+  }
+
+  Eigen::MatrixXd A;
+  Eigen::VectorXd g, unit;
+  Eigen::LDLT<Eigen::MatrixXd> f;
+  double cost = 0.0, data_cost = 0.0;
+  const bool regular = batch.accumulate(best.x, A, g, cost, data_cost) && factor(A, 0.0, unit, f);
+  if (!regular) {
+    fix.status = DopplerStatus::kRankDeficient;
+    return fix;
+  }
+  const auto column = [&](int i) {
+    Eigen::VectorXd e = Eigen::VectorXd::Zero(u.count);
+    e[i] = unit[i];
+    return Eigen::VectorXd(unit.cwiseProduct(f.solve(e)));
+  };
+  fix.covariance_enu.setZero();
+  for (int k = 0; k < u.position; ++k) fix.covariance_enu.col(k).head(u.position) = column(k).head(u.position);
+  fix.covariance_enu = (0.5 * (fix.covariance_enu + fix.covariance_enu.transpose())).eval();
+  fix.sigma_2d_m = std::sqrt(fix.covariance_enu(0, 0) + fix.covariance_enu(1, 1));
+  const auto sigma = [&](int i) { return std::sqrt(std::max(0.0, column(i)[i])); };
+  fix.frequency_bias_sigma_hz = sigma(u.bias());
+  fix.frequency_drift_sigma_hz_per_s = u.drift >= 0 ? sigma(u.drift) : 0.0;
+  for (int k = 0; k < static_cast<int>(names.size()); ++k) {
+    DopplerSatellite& satellite = fix.satellites[static_cast<std::size_t>(k)];
+    satellite.bias_hz = batch.value(best.x, u.biases, k);
+    satellite.bias_sigma_hz = u.biases >= 0 ? sigma(u.biases + k) : 0.0;
+    satellite.along_track_m = batch.value(best.x, u.along, k);
+    satellite.along_track_sigma_m = u.along >= 0 ? sigma(u.along + k) : 0.0;
+  }
+  fix.status = best.converged ? DopplerStatus::kConverged : DopplerStatus::kNotConverged;
+  if (best.converged) {
+    for (std::size_t i = 1; i < solutions.size(); ++i) {
+      const double excess = solutions[i].cost - best.cost;
+      if (!solutions[i].converged || !(excess <= options.ambiguity_gate)) continue;
+      fix.alternatives.push_back({solutions[i].x.p_e, excess});
+      fix.status = DopplerStatus::kAmbiguous;
+    }
+  }
+
+  // Do the satellites' constants belong? Both models at their own minima near the place found.
+  const auto from_best = [&](const Batch& other) {
+    Point x = other.at(best.x.p_e);
+    profile(other, x);
+    return descend(other, std::move(x), options.max_iterations);
+  };
+  double judged = 1.0;
+  if (options.estimate_sigma) {
+    const Solution s = from_best(batch_of(kFreeBiasHz, 1.0));
+    const int left = static_cast<int>(used.size()) - plain.unknowns().count - static_cast<int>(names.size()) + 1;
+    if (left > 0 && s.data_cost > 0.0) judged = std::sqrt(s.data_cost / left);
+  }
+  const Solution without = from_best(batch_of(0.0, judged));
+  const Solution with = from_best(batch_of(kFreeBiasHz, judged));
+  if (without.converged && with.converged) {
+    fix.bias_chi_square = without.data_cost - with.data_cost;
+    fix.bias_degrees_of_freedom = static_cast<int>(names.size()) - 1;
+    fix.bias_probability = 1.0 - chi_square_cdf(std::max(0.0, fix.bias_chi_square), fix.bias_degrees_of_freedom);
+  }
+  return fix;
+}
+
+}  // namespace soopnav::navigation
