@@ -65,7 +65,7 @@ void iterate_pair(Engine& engine, const PairModel<>& model, Rows rows, double al
   }
 }
 
-class JosephFilter final : public CooperativeFilter {
+class JosephFilter final : public LinearisedFilter {
   using Filter = ExtendedKalmanFilter<LayoutState<EcefFrame, Role<3, PositionTag>, Role<3, VelocityTag>,
                                                   Role<1, ClockBiasTag>, Role<1, ClockDriftTag>>>;
   using AheadModel = PairModel<Known<3>, Known<3>, Block<1>>;
@@ -117,6 +117,9 @@ class JosephFilter final : public CooperativeFilter {
     return report;
   }
 
+  UpdateReport<2> update(const LinearPair<>& rows, const PairObservation& o, const Gate& gate) noexcept override {
+    return now_.filter.update(rows, o.z, o.R, gate);
+  }
   UpdateReport<1> update(const PlaneDistance<>& model, double distance_m, double variance_m2) noexcept override {
     return now_.filter.update(model, distance_m, variance_m2);
   }
@@ -237,6 +240,10 @@ class PairInformationFilter final : public CooperativeFilter {
 }  // namespace
 
 std::unique_ptr<CooperativeFilter> joseph_filter(const PairFilterOptions& options) {
+  return std::make_unique<JosephFilter>(options);
+}
+
+std::unique_ptr<LinearisedFilter> linearised_filter(const PairFilterOptions& options) {
   return std::make_unique<JosephFilter>(options);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 
 #include "soopnav/core/role.hpp"
 #include "soopnav/estimation/state.hpp"
@@ -67,5 +68,14 @@ struct LinearPair {
     return true;
   }
 };
+
+/// An engine that takes rows linearised elsewhere: what the batch start runs over its bursts.
+class LinearisedFilter : public CooperativeFilter {
+ public:
+  using CooperativeFilter::update;
+  virtual UpdateReport<2> update(const LinearPair<>& rows, const PairObservation& observed,
+                                 const Gate& gate) noexcept = 0;
+};
+[[nodiscard]] std::unique_ptr<LinearisedFilter> linearised_filter(const PairFilterOptions& options);
 
 }  // namespace soopnav::navigation

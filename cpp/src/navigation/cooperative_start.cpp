@@ -3,18 +3,15 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <stdexcept>
 #include <string>
 
 #include "navigation/cooperative_rows.hpp"
 #include "navigation/cooperative_sight.hpp"
-#include "soopnav/clock/two_state.hpp"
 #include "soopnav/core/constants.hpp"
-#include "soopnav/core/joint_process.hpp"
 #include "soopnav/estimation/chi_square.hpp"
-#include "soopnav/estimation/extended_kalman_filter.hpp"
 #include "soopnav/geometry/wgs84.hpp"
-#include "soopnav/process/nearly_constant_velocity.hpp"
 
 namespace soopnav::navigation {
 
@@ -54,8 +51,8 @@ class Batch {
   Batch(std::span<const geometry::SampledOrbit> beacons, std::span<const PairMeasurement> measurements,
         const PairStartOptions& options)
       : o_(options),
-        process_{{{options.acceleration_psd_m2ps3, options.acceleration_psd_m2ps3, options.acceleration_psd_m2ps3}},
-                 clock::TwoState<>{options.clock_noise}},
+        filter_(linearised_filter(
+            {.clock_noise = options.clock_noise, .acceleration_psd_m2ps3 = options.acceleration_psd_m2ps3})),
         gate_(chi_square_upper_quantile(kOutlierProbability, 2)) {
     double last = -std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -138,15 +135,14 @@ class Batch {
     }
     if (alphas == 0) return false;
     alpha /= alphas;
-    PairState x0;
-    x0.x << p, Vector3d::Zero(), theta, alpha;
-    PairVector sigma;
+    PairVector x0, sigma;
+    x0 << p, Vector3d::Zero(), theta, alpha;
     sigma << Vector3d::Constant(p_sigma_m), Vector3d::Constant(o_.velocity_sigma_mps), kThetaSigmaM, o_.alpha_sigma_mps;
-    ExtendedKalmanFilter<PairState> filter(x0, PairSquare(sigma.cwiseAbs2().asDiagonal()));
+    filter_->restart(first_s, x0, PairSquare(sigma.cwiseAbs2().asDiagonal()));
     if (std::isfinite(o_.height_sigma_m)) {
       Vector3d on, normal;
       if (!to_height(p, o_.height_m, on, normal)) return false;
-      const auto held = filter.update(PlaneDistance<>{normal, on}, 0.0, o_.height_sigma_m * o_.height_sigma_m);
+      const auto held = filter_->update(PlaneDistance<>{normal, on}, 0.0, o_.height_sigma_m * o_.height_sigma_m);
       if (!held.accepted()) return false;
       out.chi_square = held.nis;
       out.rows = 1;
@@ -159,9 +155,9 @@ class Batch {
     for (std::size_t i = 0; i < bursts_.size(); ++i) {
       const Burst& b = bursts_[i];
       const double dt = b.m->t_s - now;
-      if (dt > 0.0 && filter.predict(process_, dt) != UpdateStatus::kAccepted) return false;
+      if (dt > 0.0 && filter_->predict(dt, nullptr) != UpdateStatus::kAccepted) return false;
       now = b.m->t_s;
-      at << p + (now - first_s) * v, v, filter.state().x.tail<2>();
+      at << p + (now - first_s) * v, v, filter_->mean().tail<2>();
       if (!rows.linearise(b.model, at, 0.0)) return false;
       Eigen::Matrix2d R = b.observed.R;
       if (!o_.orbit_sigma_m.empty()) {
@@ -169,15 +165,15 @@ class Batch {
         R += deviation * deviation * rows.rows.along_track * rows.rows.along_track.transpose();
       }
       // Left out: what it would have said is asked all the same, by a gate that nothing passes.
-      const auto report = filter.update(rows, b.observed.z, R, b.used ? Gate{} : Gate{.nis = -1.0});
+      const auto report = filter_->update(rows, {b.observed.z, R}, b.used ? Gate{} : Gate{.nis = -1.0});
       out.nis[i] = report.nis;
       if (!b.used) continue;
       if (!report.accepted()) return false;
       out.chi_square += report.nis;
       out.rows += 2;
     }
-    out.mean = filter.state().x;
-    out.P = filter.covariance();
+    out.mean = filter_->mean();
+    out.P = filter_->covariance();
     return out.mean.allFinite() && std::isfinite(out.chi_square);
   }
 
@@ -221,7 +217,7 @@ class Batch {
 
  private:
   PairStartOptions o_;
-  JointProcess<NearlyConstantVelocity<3>, clock::TwoState<>> process_;
+  std::unique_ptr<LinearisedFilter> filter_;
   double gate_;
   std::vector<Burst> bursts_;
 };
