@@ -4,6 +4,17 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
+from soopnav_cpp._cooperative import (
+    CooperativeRun,
+    CooperativeTracker,
+    PairBursts,
+    PairStart,
+    PairStartStatus,
+    PairUse,
+    SmoothedRun,
+    expected_pair,
+    start_pair,
+)
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
 from soopnav_cpp._doppler_fix import DopplerFix, DopplerStatus, DopplerUse, doppler_fix
@@ -40,6 +51,8 @@ from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownSt
 
 __all__ = [
     "BearingUse",
+    "CooperativeRun",
+    "CooperativeTracker",
     "DopplerFix",
     "DopplerStatus",
     "DopplerUse",
@@ -58,9 +71,14 @@ __all__ = [
     "NodeUse",
     "OfdmInertialNavigator",
     "OfdmInertialRun",
+    "PairBursts",
+    "PairStart",
+    "PairStartStatus",
+    "PairUse",
     "PlanarStart",
     "PositionFix",
     "RangeChanges",
+    "SmoothedRun",
     "SourceFix",
     "SourceLine",
     "SourceLocator",
@@ -75,12 +93,14 @@ __all__ = [
     "TrackState",
     "cep",
     "doppler_fix",
+    "expected_pair",
     "likelihood_surface",
     "locate_nodes",
     "locate_source",
     "position_fix",
     "source_crlb",
     "start_node",
+    "start_pair",
     "strapdown_errors",
 ]
 
