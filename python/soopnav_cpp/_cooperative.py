@@ -166,10 +166,10 @@ class _States:
     def nees(self, truth: npt.ArrayLike, states: Sequence[int] = range(8)) -> _Array:
         """Squared error of some states in the stated covariance, shape (n,); as many on average where that is right.
 
-        `truth` has the states' columns, shape (n, k) or (k,).
+        `truth` has all eight columns of `mean`, shape (n, 8) or (8,).
         """
         pick = list(states)
-        error = self.mean[:, pick] - np.asarray(truth, dtype=np.float64)
+        error = (self.mean - np.asarray(truth, dtype=np.float64))[:, pick]
         P = self.covariance[:, pick][:, :, pick]
         return np.asarray(np.sum(error * np.linalg.solve(P, error[..., None])[..., 0], axis=-1))
 
