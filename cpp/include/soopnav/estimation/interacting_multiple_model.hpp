@@ -93,6 +93,10 @@ requires(sizeof...(Processes) >= 1 && (ProcessModelFor<Processes, StateType> && 
   /// Logarithm of the density of the last accepted observation under the mixture; NaN before the first.
   [[nodiscard]] double log_likelihood() const noexcept { return log_likelihood_; }
 
+  /// The chain's step in predictions from now on, where the time between them varies: rows of probabilities that sum to
+  /// one, as the constructor checks.
+  void set_transition(const Transitions& transition) noexcept { transition_ = transition; }
+
   /// Puts back modes and probabilities that this estimator (or another of its type) had.
   void restore(const Modes& modes, const Probabilities& probabilities) noexcept {
     modes_ = modes;

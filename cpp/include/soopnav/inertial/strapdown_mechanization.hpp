@@ -6,6 +6,7 @@
 #include <limits>
 #include <sstream>
 #include <stdexcept>
+#include <type_traits>
 
 #include "soopnav/core/role.hpp"
 #include "soopnav/estimation/state.hpp"
@@ -69,16 +70,18 @@ struct GaussMarkovStep {
 ///
 /// Model:   q <- exp(-w_ie dt) q exp(phi),  v += A - dt w_ie x A / 2 + dt (g(p) - 2 w_ie x v),  p by the trapezoid,
 ///          phi = dtheta - dt b_g - n_g,  A = C_n_b J(phi) (dv - dt b_a - n_a)             (doc/strapdown.md eq. 20-26)
-/// Frames:  n is `FrameTag` (NedFrame or EnuFrame) at the origin given, fixed to the Earth: w_ie is constant in it, and
-///          gravity is evaluated at p with its size and its direction. b is the body; the increments are along its
-///          axes.
+/// Frames:  n is `FrameTag`: NedFrame or EnuFrame at the origin given, or EcefFrame, whose origin is the Earth's centre;
+///          all are fixed to the Earth: w_ie is constant in them, and gravity is evaluated at p with its size and its
+///          direction. b is the body; the increments are along its axes.
 /// Noise:   12 normals: gyros, accelerometers, and the walks of their biases.
 /// Roles:   attitude, velocity, position, gyro bias, accelerometer bias. Increments after `ConingSculling`.
 /// Refused: `propagate` answers false when the step's length is not that of its increment (to 1e-9 of it).
 /// No allocation.
 template <class FrameTag = NedFrame>
 class StrapdownMechanization {
-  static_assert(std::same_as<FrameTag, NedFrame> || std::same_as<FrameTag, EnuFrame>, "a local frame");
+  static constexpr bool kCentred = std::same_as<FrameTag, EcefFrame>;
+  static_assert(std::same_as<FrameTag, NedFrame> || std::same_as<FrameTag, EnuFrame> || kCentred,
+                "a frame fixed to the Earth");
 
  public:
   using Frame = FrameTag;
@@ -86,21 +89,30 @@ class StrapdownMechanization {
   static constexpr int kNoise = 12;
 
   /// Throws std::invalid_argument for an origin that `geometry::LocalFrame` refuses or noise that makes no sense.
-  explicit StrapdownMechanization(const geometry::Geodetic& origin, const ImuNoise& noise = {})
+  explicit StrapdownMechanization(const geometry::Geodetic& origin, const ImuNoise& noise = {}) requires(!kCentred)
       : frame_(origin, std::same_as<FrameTag, NedFrame> ? geometry::LocalAxes::kNed : geometry::LocalAxes::kEnu),
         noise_(noise),
         omega_ie_(frame_.velocity_from_ecef({0.0, 0.0, wgs84::kEarthRateRadps})),
         origin_(frame_.rotation_from_ecef() * frame_.origin_ecef()) {
     noise_.check();
   }
+  /// The same in the Earth's own axes.
+  explicit StrapdownMechanization(const ImuNoise& noise = {}) requires kCentred
+      : noise_(noise), omega_ie_(0.0, 0.0, wgs84::kEarthRateRadps), origin_(0.0, 0.0, 0.0) {
+    noise_.check();
+  }
 
-  [[nodiscard]] const geometry::LocalFrame& frame() const noexcept { return frame_; }
+  [[nodiscard]] const geometry::LocalFrame& frame() const noexcept requires(!kCentred) { return frame_; }
   [[nodiscard]] const ImuNoise& noise() const noexcept { return noise_; }
   /// The Earth's rate w_ie_n [rad/s].
   [[nodiscard]] const Eigen::Vector3d& earth_rate() const noexcept { return omega_ie_; }
   /// Normal gravity at p_n, along the axes of n [m/s²].
   [[nodiscard]] Eigen::Vector3d gravity(const Eigen::Vector3d& p_n) const noexcept {
-    return frame_.velocity_from_ecef(geometry::normal_gravity_ecef(frame_.position_to_ecef(p_n)));
+    if constexpr (kCentred) {
+      return geometry::normal_gravity_ecef(p_n);
+    } else {
+      return frame_.velocity_from_ecef(geometry::normal_gravity_ecef(frame_.position_to_ecef(p_n)));
+    }
   }
 
   /// `x`: a state of doubles.
@@ -179,7 +191,8 @@ class StrapdownMechanization {
   }
 
  private:
-  geometry::LocalFrame frame_;
+  struct EarthItself {};
+  [[no_unique_address]] std::conditional_t<kCentred, EarthItself, geometry::LocalFrame> frame_;
   ImuNoise noise_;
   Eigen::Vector3d omega_ie_;
   Eigen::Vector3d origin_;  // from the Earth's centre, along the axes of n
