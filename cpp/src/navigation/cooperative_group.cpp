@@ -15,7 +15,7 @@
 #include "soopnav/navigation/cooperative_motion.hpp"
 
 namespace soopnav::navigation {
-namespace {
+namespace group_parts {  // no anonymous one: `Inside` has members of them
 
 // Two standard normals that several targets share: of the anchor's clock while they move, of its recording while the
 // rows of a burst are taken in.
@@ -160,14 +160,14 @@ struct GroupModel {
   }
 };
 
-void require_group(bool holds, const char* name, double value, const char* rule) {
+inline void require_group(bool holds, const char* name, double value, const char* rule) {
   if (holds) return;
   std::ostringstream text;
   text << name << ": " << value << "; " << rule;
   throw std::invalid_argument(text.str());
 }
 
-const GroupOptions& checked_group(const GroupOptions& o, double start_s) {
+inline const GroupOptions& checked_group(const GroupOptions& o, double start_s) {
   const auto not_negative = [](double value, const char* name) {
     require_group(value >= 0.0 && std::isfinite(value), name, value, "it must be finite and not negative");
   };
@@ -185,7 +185,7 @@ const GroupOptions& checked_group(const GroupOptions& o, double start_s) {
 }
 
 // The symmetric root's stand-in: lower triangular, L L' = R. False when R is not positive definite.
-bool lower_root(const Eigen::Matrix2d& R, Eigen::Matrix2d& L) noexcept {
+inline bool lower_root(const Eigen::Matrix2d& R, Eigen::Matrix2d& L) noexcept {
   if (!(R(0, 0) > 0.0) || std::abs(R(0, 1) - R(1, 0)) > 1e-9 * std::sqrt(std::abs(R(0, 0) * R(1, 1)))) return false;
   L.setZero();
   L(0, 0) = std::sqrt(R(0, 0));
@@ -197,9 +197,8 @@ bool lower_root(const Eigen::Matrix2d& R, Eigen::Matrix2d& L) noexcept {
 }
 
 using GroupFilter = ExtendedKalmanFilter<LayoutState<EcefFrame, Role<2, SharedNoiseTag>>>;
-constexpr int kBlocksOfTarget = 1;
 
-}  // namespace
+}  // namespace group_parts
 
 PairNoiseShares pair_noise_shares(double first_snr, double second_snr) noexcept {
   if (!(first_snr > 0.0) || !(second_snr > 0.0)) {
@@ -217,6 +216,8 @@ double shared_anchor_correlation(double first_snr, double second_snr, double anc
   return std::sqrt(pair_noise_shares(first_snr, anchor_snr).second * pair_noise_shares(second_snr, anchor_snr).second);
 }
 
+using namespace group_parts;
+
 struct CooperativeGroup::Inside {
   std::vector<geometry::SampledOrbit> beacons;
   GroupOptions options;
@@ -232,7 +233,7 @@ struct CooperativeGroup::Inside {
       : beacons(std::move(orbits)),
         options(checked_group(o, start_s)),
         filter(GroupFilter::Fixed{}, Eigen::Matrix2d::Identity(), 2 + (kPairDim + 2) * o.max_targets,
-               (kBlocksOfTarget + 1) * o.max_targets),
+               2 * o.max_targets),
         time_s(start_s) {
     const auto room = static_cast<std::size_t>(o.max_targets);
     targets.reserve(room);

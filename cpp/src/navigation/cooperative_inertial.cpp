@@ -65,7 +65,7 @@ class StrapdownPairFilter final : public InertialFilter {
         smoother_(std::max(options.smoother_steps, 1)),
         guard_(options.limits),
         coning_(options.coning_samples),
-        pieces_(2 * options.waiting_samples + 2) {
+        pieces_(options.waiting_samples) {
     times_s_.reserve(static_cast<std::size_t>(std::max(options.smoother_steps, 1)));
   }
 

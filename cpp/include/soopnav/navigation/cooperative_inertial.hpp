@@ -25,7 +25,7 @@ struct InertialPairOptions {
   double heading_sigma_rad = 0.02;                            ///< and about down, > 0
   double gyro_bias_sigma_radps = 1e-4;                        ///< of biases taken as zero at the start, each axis, > 0
   double accelerometer_bias_sigma_mps2 = 0.02;                ///< > 0
-  std::size_t waiting_samples = 16384;  ///< room for samples later than the last prediction, 1 ... 2^20
+  std::size_t waiting_samples = 16384;  ///< room for samples later than the last prediction, 1 ... 2^20; a gap is one
   int smoother_steps = 0;               ///< predictions that `smooth` can go back over, 0 ... 10^6
 };
 
