@@ -2,7 +2,8 @@
 
 States: ``greeting`` (hello said), ``proving`` (both hellos are there, so are the keys), ``informing`` (the peer has
 proved that it knows the key), ``open``, ``closed``. Until the peer's `Info` is there, what was said is said again
-every `retry_s`; an `Info` that does not answer one's own is answered. So the beginning of a session survives lost messages.
+every `retry_s`; an `Info` that does not answer one's own is answered. So the beginning of a session survives lost
+messages.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from soopnav_cpp.peer.link import Link
 from soopnav_cpp.peer.messages import Bye, Heartbeat, Info, Message
@@ -302,7 +302,7 @@ class Session:
         wake = asyncio.Event()
         self._wakes[id(link)] = wake
         read = asyncio.create_task(reader.read(_READ_BYTES))
-        woken = asyncio.create_task(wake.wait())
+        woken: asyncio.Task[Any] = asyncio.create_task(wake.wait())
         try:
             while not link.closed:
                 link.tick(self._clock())
