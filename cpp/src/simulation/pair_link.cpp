@@ -223,23 +223,15 @@ void SampleGrid::check() const {
 
 bool arrival_of(const PairReceiver& receiver, const SampledOrbit& beacon, double sent_s, double carrier_hz,
                 Arrival& arrival) noexcept {
-  double t_s = sent_s;
-  OrbitState antenna;
+  OrbitState antenna, source;
   SignalPath path;
-  // The antenna is asked at a time that moves by its delay; a start inside the samples of a beacon that begins with the
-  // transmission needs the delay first, so the first try stands at the beacon's own time.
-  double delay_s = 0.0;
+  if (!receiver.antenna.at(sent_s, antenna) || !beacon.at(sent_s, source)) return false;
+  double t_s = sent_s;
+  double delay_s = (source.p_e - antenna.p_e).norm() / kSpeedOfLightMps;
+  // Each turn shortens the error by the delay's rate, 3e-5 of a satellite.
   for (int i = 0; i < 8; ++i) {
     t_s = sent_s + delay_s;
-    if (!receiver.antenna.at(t_s, antenna)) return false;
-    if (i == 0) {
-      OrbitState source;
-      if (!beacon.at(sent_s, source)) return false;
-      delay_s = (source.p_e - antenna.p_e).norm() / kSpeedOfLightMps;
-      continue;
-    }
-    if (!geometry::signal_path(beacon, t_s, antenna.p_e, antenna.v_e, path)) {
-      // At the very first sample of the beacon the guess may look a microsecond before it.
+    if (!receiver.antenna.at(t_s, antenna) || !geometry::signal_path(beacon, t_s, antenna.p_e, antenna.v_e, path)) {
       return false;
     }
     const double change = path.delay_s - delay_s;
