@@ -21,6 +21,7 @@ from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._ground_scene import GroundObject, GroundScene, foot_tracks
 from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
+from soopnav_cpp._pair_link import ClockTrack, PairArrivals, PairLink, PairReceiver, PairSnippets, PairTruth
 from soopnav_cpp._sounding import ChannelSounder, EmulatedChannels, SoundingRecord, ToneSweep, subcarrier_hz, turntable
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
 from soopnav_cpp._trajectory import PlanarImuSeries, PlanarMotion, PlanarTrajectory
@@ -30,6 +31,7 @@ __all__ = [
     "ArrayLink",
     "BoundarySeries",
     "ChannelSounder",
+    "ClockTrack",
     "EmulatedChannels",
     "FrontEnd",
     "GnssObservables",
@@ -44,6 +46,11 @@ __all__ = [
     "NlosSchedule",
     "OfdmLink",
     "Oscillation",
+    "PairArrivals",
+    "PairLink",
+    "PairReceiver",
+    "PairSnippets",
+    "PairTruth",
     "PlanarImuSeries",
     "PlanarMotion",
     "PlanarTrajectory",

@@ -29,8 +29,8 @@ struct ClockReading {
 
 /// A receiver's clock over system time: bias and drift at instants, joined by cubic Hermite polynomials, so that the
 /// bias is smooth and both are met at each instant. Before the first and after the last it runs at the drift it has
-/// there. The white frequency noise of a two-state clock is in the biases from instant to instant; put one where a
-/// burst arrives, and the frequency seen there is the drift of the state.
+/// there. At an instant the frequency bends: two of them, on a line before and after a burst, keep it straight. The
+/// white frequency noise of a two-state clock is in the biases from instant to instant.
 class ClockTrack {
  public:
   ClockTrack();  ///< of a clock that shows system time
