@@ -103,7 +103,7 @@ class PairReceiver:
     clock : ClockTrack, optional
         By default it shows system time.
     taps : sequence of (delay_s, gain), optional
-        Echoes: each repeats the path later by delay_s with a complex gain at baseband. By default one of delay 0, gain 1.
+        Echoes: each repeats the path, later by delay_s, with a complex gain at baseband. By default one: delay 0, gain 1.
 
     Raises
     ------
@@ -282,9 +282,9 @@ class PairSnippets:
 class PairLink:
     """Target and anchor hear one transmitter after the other.
 
-    Every sample is s(t - D(t)) exp(j 2π((f_tx - f_lo)·r - f_tx·(b + D))): r the receiver's own reading, t the system time
-    at which its clock shows r, b the clock's bias then, D the delay with light time and Earth rotation
-    (`geometry.signal_path`). Nothing is approximated but s itself (below -80 dB).
+    Every sample is s(t - D(t)) exp(j 2π((f_tx - f_lo)·r - f_tx·(b + D))) (cpp/doc/pair_link.md eq. 3): r the receiver's
+    own reading, t the system time at which its clock shows r, b the clock's bias then, D the delay with light time and
+    Earth rotation (`geometry.signal_path`). Nothing is approximated but s itself (below -80 dB).
 
     Parameters
     ----------
@@ -292,8 +292,8 @@ class PairLink:
     sample_rate_hz : float
     center_hz : float, optional
         What both local oscillators are tuned to, by each one's own clock. Without it, to what the anchor hears as the
-        burst begins, rounded to whole kilohertz: what an ephemeris tells it. There is no filter before the samples: what
-        lies outside the sampled band folds into it.
+        burst begins, rounded to whole kilohertz: what an ephemeris tells it. There is no filter before the samples:
+        what lies outside the sampled band folds into it.
     """
 
     def __init__(
@@ -446,7 +446,7 @@ class PairLink:
         seed: int = 0,
         stream: int = 0,
     ) -> PairSnippets:
-        """Bursts of random symbols (`iridium` kind "long"), one after the other, each with symbols and noise of its own.
+        """Bursts of random symbols (`iridium.BurstKind.LONG`), one after the other, each with its own symbols and noise.
 
         A loop in the engine; parameters are those of `burst`, of shape (n,) where each burst has its own.
 

@@ -159,7 +159,8 @@ def test_bursts_are_named_by_their_seed(beacon: geometry.SampledOrbit) -> None:
     one, again = link.bursts(beacon, seed=5, **same), link.bursts(beacon, seed=5, **same)  # type: ignore[arg-type]
     first = link.bursts(beacon, seed=5, start_s=[300.0], carrier_hz=RING, snr_db=10.0)
     other = link.bursts(beacon, seed=6, **same)  # type: ignore[arg-type]
-    assert np.array_equal(one.target, again.target) and np.array_equal(one.anchor, again.anchor)
+    assert np.array_equal(one.target, again.target)
+    assert np.array_equal(one.anchor, again.anchor)
     assert np.array_equal(one.target[0], first.target[0])
     assert not np.array_equal(one.target, other.target)
 
@@ -196,11 +197,9 @@ def test_any_waveform_and_recordings(beacon: geometry.SampledOrbit) -> None:
             first_sample=first,
         )
     assert np.max(np.abs(recording - exact.target[0])) < 1e-4
-    assert (
-        "PairSnippets(1 bursts" in repr(exact)
-        and "50000 Hz about each burst" in repr(link)
-        and "tdoa" in repr(exact.truth)
-    )
+    assert "PairSnippets(1 bursts" in repr(exact)
+    assert "50000 Hz about each burst" in repr(link)
+    assert "tdoa" in repr(exact.truth)
     assert "ClockTrack(+0.0004 s" in repr(link.target)
 
 
