@@ -103,7 +103,7 @@ class PairReceiver:
     clock : ClockTrack, optional
         By default it shows system time.
     taps : sequence of (delay_s, gain), optional
-        Echoes: each repeats the path, later by delay_s, with a complex gain at baseband. By default one: delay 0, gain 1.
+        Echoes: each repeats the path, later by delay_s, with a complex gain at baseband. By default delay 0, gain 1.
 
     Raises
     ------
@@ -446,7 +446,7 @@ class PairLink:
         seed: int = 0,
         stream: int = 0,
     ) -> PairSnippets:
-        """Bursts of random symbols (`iridium.BurstKind.LONG`), one after the other, each with its own symbols and noise.
+        """Bursts of random symbols (`iridium.BurstKind.LONG`), each in its own snippets, symbols and noise.
 
         A loop in the engine; parameters are those of `burst`, of shape (n,) where each burst has its own.
 
@@ -456,7 +456,7 @@ class PairLink:
         beacon : int or array_like of int, shape (n,)
         start_s : array_like, shape (n,)
         duration_s : float
-            Whole symbols of 40 µs.
+            Rounded to whole symbols of 40 µs.
 
         Returns
         -------
@@ -464,6 +464,7 @@ class PairLink:
             n rows. Burst i is the same whatever the others are.
         """
         start = np.atleast_1d(np.asarray(start_s, np.float64))
+        duration_s = math.floor(duration_s * 25e3 + 0.5) / 25e3 if math.isfinite(duration_s) else duration_s
         orbits, index, carrier = _several(beacons), _like(beacon, start), _like(carrier_hz, start)
         edge = self.truth(orbits, start, carrier, index)
         truth = self.truth(orbits, start + 0.5 * duration_s, carrier, index)
