@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy import optimize
 
@@ -45,10 +46,13 @@ def measure(pair: PairSnippets, row: int = 0) -> tuple[float, float]:
     frequency = np.fft.fftfreq(4 * len(b), 1.0 / rate)
     spectrum = np.fft.fft(np.concatenate([b, np.zeros(3 * len(b))]))
     derivative = 2j * np.pi * frequency * spectrum
-    moved = lambda s, tau: np.fft.ifft(s * np.exp(-2j * np.pi * frequency * tau))[: len(b)]  # noqa: E731
+
+    def moved(of: npt.NDArray[np.complex128], tau: float) -> npt.NDArray[np.complex128]:
+        return np.asarray(np.fft.ifft(of * np.exp(-2j * np.pi * frequency * tau))[: len(b)])
+
     t = n / rate
 
-    def minus(x: np.ndarray) -> float:
+    def minus(x: npt.NDArray[np.float64]) -> float:
         tau, nu = 1e-6 * x[0], x[1]
         late = moved(spectrum, tau) + (nu / RING) * (t - middle - tau) * moved(derivative, tau)
         return -float(np.abs(np.vdot(late * np.exp(2j * np.pi * nu * t), a)))

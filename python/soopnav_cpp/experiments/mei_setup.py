@@ -1,9 +1,9 @@
 """What the mei experiments have in common: two receivers, 66 satellites, two clocks, bursts, and their measurements.
 
-One burst per interval comes from one satellite at random of those above the mask at both receivers. Mode "iq" makes each
-burst, sends it through two paths and two clocks into two recordings (`simulation.PairLink`) and measures those by their
-cross-ambiguity; mode "drawn" takes the same exact truth and adds Gaussian noise of stated sigmas. Everything follows
-from the seed.
+One burst per interval comes from one satellite at random of those above the mask at both receivers. Mode "iq" makes
+each burst, sends it through two paths and two clocks into two recordings (`simulation.PairLink`) and measures those by
+their cross-ambiguity; mode "drawn" takes the same exact truth and adds Gaussian noise of stated sigmas. Everything
+follows from the seed.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ __all__ = [
     "Setup",
     "World",
     "campaign",
-    "drive",
     "drawn",
+    "drive",
     "make_world",
     "measured",
 ]
@@ -242,7 +242,7 @@ def drive(
     step_s : float
     """
     rng = np.random.default_rng([seed, 0x6D65_6901])
-    t = -1.0 + step_s * np.arange(math.ceil((duration_s + 2.0) / step_s) + 1)
+    t: Array = -1.0 + step_s * np.arange(math.ceil((duration_s + 2.0) / step_s) + 1, dtype=np.float64)
     # Each leg: (until, along-track acceleration, turn rate).
     along, turn = np.zeros(len(t)), np.zeros(len(t))
     at, corner = -1.0, 0
