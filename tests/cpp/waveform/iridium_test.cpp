@@ -14,7 +14,6 @@
 #include "soopnav/core/random.hpp"
 #include "soopnav/waveform/iridium/burst.hpp"
 #include "soopnav/waveform/iridium/channel_plan.hpp"
-#include "support/allocation_count.hpp"
 
 namespace soopnav::iridium {
 namespace {
@@ -243,21 +242,6 @@ TEST(Burst, ArrivesWithDelayDopplerAndTheirRates) {
   b.delay_acceleration = 0.0;
   burst.render(b, whole);
   for (const Cf32 z : whole) ASSERT_EQ(z, Cf32());
-}
-
-TEST(Burst, SamplingAllocatesNothing) {
-  if (!test::kAllocationsCounted) GTEST_SKIP() << "allocations are not counted here";
-  const Burst burst = Burst::make(BurstKind::kLong, RandomStream(9));
-  std::vector<Cf32> out(5000), symbols(100);
-  const std::vector<double> times(100, 1e-3);
-  EXPECT_EQ(test::allocations_of([&] {
-              burst.evaluate(0.0, 2e-5, 1e-13, out);
-              burst.evaluate(times, out);
-              burst.render({.doppler_hz = 100.0}, out);
-              burst.add_to({.doppler_hz = 100.0}, out);
-              matched_filter(out, 50e3, 0.0, 100.0, symbols);
-            }),
-            0);
 }
 
 }  // namespace

@@ -34,8 +34,8 @@ constexpr float kSlowStep = 0.0004F;         // of one below a candidate
 constexpr float kMost = 1e4F;                // of a normalised power
 constexpr double kFloorHz = 50e3;            // the floor is smoothed over
 constexpr double kWideHz = 200e3;            // and held to this band's median
-constexpr double kFloorCap = 1.5;            // times it at most
-constexpr std::size_t kRefresh = 64;         // spectra between floors
+constexpr double kFloorCap = 1.25;           // times it at most
+constexpr std::size_t kRefresh = 128;        // spectra between floors
 constexpr std::size_t kResults = 1024, kCandidates = 256, kRecent = 64, kSegments = 16;
 
 void require(bool holds, std::string_view name, double value, std::string_view rule) {
@@ -152,12 +152,7 @@ struct BurstDetector::Impl {
       const std::size_t room = hop - static_cast<std::size_t>(taken % hop);
       const std::size_t count = std::min(room, samples.size());
       Cf32* const to = ring.data() + taken % capacity;  // hops do not straddle the ring's end
-      for (std::size_t i = 0; i < count; ++i) {
-        const Cf32 z = samples[i];
-        const bool good = std::isfinite(z.real()) && std::isfinite(z.imag());
-        to[i] = good ? z : Cf32{};
-        rejected += good ? 0 : 1;
-      }
+      rejected += kernels::copy_finite(samples.data(), count, to);
       taken += count;
       samples = samples.subspan(count);
       if (taken % hop == 0 && taken >= size) add_spectrum();
@@ -205,12 +200,12 @@ struct BurstDetector::Impl {
     }
   }
 
-  // Medians, smoothed: a bin counts with no more than 1.5 times the median of the bins around it, unless it holds a
+  // Medians, smoothed: a bin counts with no more than 1.25 times the median of the bins around it, unless it holds a
   // tone that stayed.
   void refresh_floor() {
     const auto wide = static_cast<std::size_t>(std::max(0.5 * kWideHz / bin_hz, 2.0));
     const auto near = static_cast<std::size_t>(std::max(0.5 * kFloorHz / bin_hz, 1.0));
-    const std::size_t block = std::max<std::size_t>(near, 1);
+    const std::size_t block = 2 * near;
     prefix[0] = 0.0;
     for (std::size_t first = 0; first < size; first += block) {
       const std::size_t from = first > wide ? first - wide : 0, to = std::min(size, first + block + wide);

@@ -21,6 +21,9 @@ constexpr double kLineHz = 12e3;          // where four times the carrier may li
 constexpr double kLineRatio = 16.0;       // of the line over the spectrum around it
 constexpr double kLineMostS = 20e-3;
 constexpr double kPulseSigmaHz = 7.5e3;  // root-mean-square width of the pulse's spectrum
+constexpr double kMostMiddle = 5.0;      // so that a weak burst after a strong one is seen
+constexpr double kRiseNats = 12.0;       // of likelihood, that a signal is there
+constexpr double kFallNats = 8.0;        // that it is over
 constexpr std::size_t kRun = 256;        // samples between exact phases
 
 // Kaiser's I0, by its series.
@@ -185,6 +188,17 @@ void BurstGauge::find_carrier(std::size_t from, std::size_t to, GaugedSignal& si
   signal.fine_frequency = true;
 }
 
+// Takes up to `most` samples below a quarter of the mean power from either end: a strong signal's pulse begins before
+// it.
+void BurstGauge::trim(std::size_t& begin, std::size_t& end, std::size_t most) const noexcept {
+  if (end - begin < 8 * most) return;
+  double power = 0.0;
+  for (std::size_t i = begin; i < end; ++i) power += static_cast<double>(std::norm(matched_[i]));
+  const double quarter = 0.25 * power / static_cast<double>(end - begin);
+  for (std::size_t k = 0; k < most && static_cast<double>(std::norm(matched_[begin])) < quarter; ++k) ++begin;
+  for (std::size_t k = 0; k < most && static_cast<double>(std::norm(matched_[end - 1])) < quarter; ++k) --end;
+}
+
 std::size_t BurstGauge::measure(IqSpan samples, double frequency_hz, double noise_power, double level,
                                 std::span<GaugedSignal> out) noexcept {
   samples = samples.first(std::min(samples.size(), most_samples_));
@@ -204,14 +218,19 @@ std::size_t BurstGauge::measure(IqSpan samples, double frequency_hz, double nois
   // above `middle`. A signal begins where the ratio last was least when it has risen by `rise`, and ends where it was
   // highest when it has fallen by `fall` (doc/iridium.md eq. 9).
   level = std::max(level, 1.2);
-  const double middle = std::max(std::log(level) / (1.0 - 1.0 / level), 0.25 * (level - 1.0));
+  const double middle = std::min(std::max(std::log(level) / (1.0 - 1.0 / level), 0.25 * (level - 1.0)), kMostMiddle);
   const double millisecond = channel_rate_ * 1e-3;
-  const double rise = std::max(0.6 * (level - middle), 0.2) * millisecond, fall = 0.3 * middle * millisecond;
+  const double per_symbol = channel_rate_ / kSymbolRateHz / (1.0 - 1.0 / level);  // of the sum, to one nat
+  const double rise = std::max(0.6 * (level - middle) * millisecond, kRiseNats * per_symbol);
+  const double fall = std::max(0.3 * middle * millisecond, kFallNats * per_symbol);
   std::size_t count = 0, begin = 0, top_at = 0;
   bool inside = false;
   double sum = 0.0, top = 0.0;
+  std::size_t best_begin = 0, best_end = 0;  // of what rose most without rising enough
+  double best = 0.0;
+  const auto symbol = static_cast<std::size_t>(channel_rate_ / kSymbolRateHz);
   const auto close = [&](std::size_t end) {
-    const auto symbol = static_cast<std::size_t>(channel_rate_ / kSymbolRateHz);
+    trim(begin, end, 2 * symbol);
     GaugedSignal& signal = out[count];
     signal = {};
     signal.begin = static_cast<double>(begin * stride_);
@@ -241,6 +260,10 @@ std::size_t BurstGauge::measure(IqSpan samples, double frequency_hz, double nois
         inside = true;
         top = sum;
         top_at = i + 1;
+      } else if (sum > best) {
+        best = sum;
+        best_begin = begin;
+        best_end = i + 1;
       }
       continue;
     }
@@ -256,6 +279,10 @@ std::size_t BurstGauge::measure(IqSpan samples, double frequency_hz, double nois
     }
   }
   if (inside && count < out.size()) close(top_at);
+  if (count == 0 && best_end > best_begin) {
+    begin = best_begin;
+    close(best_end);
+  }
   return count;
 }
 

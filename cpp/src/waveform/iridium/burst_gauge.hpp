@@ -29,7 +29,7 @@ class BurstGauge {
   /// @param frequency_hz of the channel, right to 2 kHz.
   /// @param noise_power of a sample of the wide band, > 0.
   /// @param level       power of signal and noise over the noise's in 25 kHz, > 1, roughly.
-  /// @returns how many signals were written to `out`, in the order of time.
+  /// @returns how many signals were written to `out`, in the order of time. When none is sure, the likeliest stretch.
   std::size_t measure(IqSpan samples, double frequency_hz, double noise_power, double level,
                       std::span<GaugedSignal> out) noexcept;
 
@@ -37,6 +37,7 @@ class BurstGauge {
   void mix(IqSpan samples, double frequency_hz, double scale) noexcept;
   void spectrum_of(const Cf32* from, std::size_t n) noexcept;
   void weigh_spectrum(std::size_t n, GaugedSignal& signal) const noexcept;
+  void trim(std::size_t& begin, std::size_t& end, std::size_t most) const noexcept;
   void find_carrier(std::size_t from, std::size_t to, GaugedSignal& signal) noexcept;
 
   double rate_;          // of the wide band [Hz]

@@ -7,6 +7,9 @@
 /// Inner loops of the burst detector: element by element or in a fixed number of lanes, the same bits everywhere.
 namespace soopnav::iridium::kernels {
 
+/// Copies samples, zero for those that are not finite; returns how many were not.
+std::size_t copy_finite(const Cf32* in, std::size_t n, Cf32* out) noexcept;
+
 /// out[n] = window[n] in[n].
 void weigh(const Cf32* in, const float* window, std::size_t n, Cf32* out) noexcept;
 
