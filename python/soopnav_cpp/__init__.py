@@ -15,6 +15,7 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.gnss`      satellite navigation: orbits, RINEX, positions
 `soopnav_cpp.gps`       GPS L1 C/A: codes, signals, tracking noise
+`soopnav_cpp.hf`        narrow-band receivers with GNSS time tags
 `soopnav_cpp.iridium`   Iridium: channels, bursts, their detection
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
 `soopnav_cpp.orbits`  satellites: elements from files, constellations, passes
@@ -39,6 +40,7 @@ from soopnav_cpp import (
     geometry,
     gnss,
     gps,
+    hf,
     inertial,
     io,
     iridium,
@@ -61,6 +63,7 @@ __all__ = [
     "geometry",
     "gnss",
     "gps",
+    "hf",
     "inertial",
     "io",
     "iridium",

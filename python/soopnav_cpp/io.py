@@ -4,6 +4,8 @@ Samples come back as ``complex64`` with full scale at 1.0: signed integers are d
 ones (``cu8``) are centred at 127.5 first. Floating-point samples are left as they are. Recordings of several channels,
 as an array of antennas makes them, are one row per channel.
 
+`read_kiwi` reads recordings of KiwiSDR receivers, whose GNSS time tags give rate and start.
+
 Cameras: `read_video` gives the frames of a video, of a folder of pictures or of photographs, `read_depth` the points
 that a depth camera saw beside them (extra ``vision``).
 """
@@ -25,6 +27,7 @@ import numpy.typing as npt
 
 from soopnav_cpp._depth import DepthFolder, depth_to_points, read_depth
 from soopnav_cpp._extras import require
+from soopnav_cpp._kiwi import KiwiRecording, read_kiwi, write_kiwi
 from soopnav_cpp._pcd import read_point_cloud
 from soopnav_cpp._video import Frame, Photo, Video, VideoError, photo_data, read_video, write_video
 
@@ -33,6 +36,7 @@ __all__ = [
     "CaptureError",
     "DepthFolder",
     "Frame",
+    "KiwiRecording",
     "Metadata",
     "Photo",
     "Video",
@@ -42,10 +46,12 @@ __all__ = [
     "read_depth",
     "read_iq",
     "read_iq_channels",
+    "read_kiwi",
     "read_point_cloud",
     "read_video",
     "write_iq",
     "write_iq_channels",
+    "write_kiwi",
     "write_video",
 ]
 
