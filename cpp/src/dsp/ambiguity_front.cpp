@@ -5,6 +5,7 @@
 #include <complex>
 #include <numbers>
 
+#include "dsp/ambiguity_kernels.hpp"
 #include "dsp/kaiser.hpp"
 #include "dsp/kernels.hpp"
 
@@ -14,7 +15,7 @@ namespace {
 using Cf64 = std::complex<double>;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kAttenuationDb = 55.0;
+constexpr double kAttenuationDb = 50.0;
 constexpr std::size_t kTurnSamples = 64;  // a rotation is computed afresh after this many steps
 
 std::size_t rounded_up(std::size_t n, std::size_t grid) { return (n + grid - 1) / grid * grid; }
@@ -58,16 +59,26 @@ Cf64 product(Cf64 a, Cf64 b) {
 Cf64 wide(Cf32 x) { return {static_cast<double>(x.real()), static_cast<double>(x.imag())}; }
 Cf32 narrow(Cf64 x) { return {static_cast<float>(x.real()), static_cast<float>(x.imag())}; }
 
-// The window of `taps` samples from `begin`, zero outside the capture.
-const Cf32* window_at(IqSpan in, std::ptrdiff_t begin, std::size_t taps, std::vector<Cf32>& edge) {
+// Runs body(first output, outputs, window of the first) over the outputs m in [0, n_out) whose windows begin at
+// m stride - reach: those inside the capture at once, those over its edges one by one, with zeros outside.
+template <class Body>
+void windows(IqSpan in, std::size_t stride, std::size_t reach, std::size_t taps, std::size_t n_out,
+             std::vector<Cf32>& edge, const Body& body) {
   const auto n = static_cast<std::ptrdiff_t>(in.size());
-  const auto length = static_cast<std::ptrdiff_t>(taps);
-  if (begin >= 0 && begin + length <= n) return in.data() + begin;
-  for (std::ptrdiff_t k = 0; k < length; ++k) {
-    const std::ptrdiff_t i = begin + k;
-    edge[static_cast<std::size_t>(k)] = i >= 0 && i < n ? in[static_cast<std::size_t>(i)] : Cf32{};
-  }
-  return edge.data();
+  const std::size_t first = std::min(n_out, (reach + stride - 1) / stride);
+  const std::size_t fits = in.size() + reach >= taps ? (in.size() + reach - taps) / stride + 1 : 0;
+  const std::size_t last = std::clamp(fits, first, n_out);
+  const auto single = [&](std::size_t m) {
+    const std::ptrdiff_t begin = static_cast<std::ptrdiff_t>(m * stride) - static_cast<std::ptrdiff_t>(reach);
+    for (std::size_t k = 0; k < taps; ++k) {
+      const std::ptrdiff_t i = begin + static_cast<std::ptrdiff_t>(k);
+      edge[k] = i >= 0 && i < n ? in[static_cast<std::size_t>(i)] : Cf32{};
+    }
+    body(m, std::size_t{1}, edge.data());
+  };
+  for (std::size_t m = 0; m < first; ++m) single(m);
+  if (last > first) body(first, last - first, in.data() + (first * stride - reach));
+  for (std::size_t m = last; m < n_out; ++m) single(m);
 }
 
 }  // namespace
@@ -104,20 +115,18 @@ std::size_t BandDecimator::apply(IqSpan in, double frequency, Cf32* out) noexcep
   }
   Cf32* first_out = second_ > 1 ? middle_.data() : out;
   const std::size_t n_first = in.size() / first_;
-  turning(-frequency * static_cast<double>(first_), n_first, [&](std::size_t m, Cf64 turn) {
-    const Cf32* x = window_at(in, static_cast<std::ptrdiff_t>(m * first_) - reach, n_taps, edge_);
-    const Cf32 re = dot(real_.data(), x, n_taps);
-    const Cf32 im = dot(imaginary_.data(), x, n_taps);
-    const Cf64 sum{static_cast<double>(re.real() - im.imag()), static_cast<double>(re.imag() + im.real())};
-    first_out[m] = narrow(product(sum, turn));
+  windows(in, first_, n_taps / 2, n_taps, n_first, edge_, [&](std::size_t m, std::size_t count, const Cf32* window) {
+    decimate(real_.data(), imaginary_.data(), n_taps, window, first_, count, first_out + m);
   });
+  turning(-frequency * static_cast<double>(first_), n_first,
+          [&](std::size_t m, Cf64 turn) { first_out[m] = narrow(product(wide(first_out[m]), turn)); });
   if (second_ == 1) return n_first;
   const std::size_t n_second_taps = taps_.size() / 2;
   const std::size_t n_out = n_first / second_;
-  for (std::size_t m = 0; m < n_out; ++m) {
-    const auto begin = static_cast<std::ptrdiff_t>(m * second_) - static_cast<std::ptrdiff_t>(n_second_taps / 2);
-    out[m] = dot(taps_.data(), window_at({middle_.data(), n_first}, begin, n_second_taps, edge_), n_second_taps);
-  }
+  windows({middle_.data(), n_first}, second_, n_second_taps / 2, n_second_taps, n_out, edge_,
+          [&](std::size_t m, std::size_t count, const Cf32* window) {
+            decimate(taps_.data(), n_second_taps, window, second_, count, out + m);
+          });
   return n_out;
 }
 

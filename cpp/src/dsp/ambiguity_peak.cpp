@@ -3,8 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "dsp/ambiguity_kernels.hpp"
 #include "dsp/ambiguity_stage.hpp"
-#include "dsp/kernels.hpp"
 
 namespace soopnav::dsp::detail {
 namespace {
@@ -18,6 +18,8 @@ constexpr double kStencil = 0.05;  // samples between the points a derivative is
 constexpr int kClimbs = 12;
 // What a post-correlation SNR must reach for the data's own shape of the burst to count as much as the plain one.
 constexpr double kShapeSnr = 20.0;
+// The same, per band, for the spectrum's own shape against a raised cosine.
+constexpr double kBandSnr = 30.0;
 
 Cf64 product(Cf64 a, Cf64 b) {
   return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
@@ -56,6 +58,30 @@ bool uphill(const std::array<std::array<double, 3>, 3>& h, const std::array<doub
 
 }  // namespace
 
+double AmbiguityStage::raised_cosine(double f, const Shape& shape) noexcept {
+  const double beyond = std::abs(f) - 0.5 * (1.0 - shape.rolloff) * shape.width;
+  if (beyond <= 0.0) return 1.0;
+  const double x = beyond / (shape.rolloff * shape.width);
+  return x < 1.0 ? 0.5 * (1.0 + std::cos(kPi * x)) : 0.0;
+}
+
+// Spectra that the cross-spectrum is compared with: the stated one, or raised cosines within the occupied band.
+void AmbiguityStage::make_templates() noexcept {
+  std::size_t n = 0;
+  if (options_.symbol_rate_hz > 0.0) {
+    shapes_[n++] = {options_.symbol_rate_hz / rate_hz_, options_.rolloff};
+  } else {
+    for (const double width : {0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0}) {
+      for (const double rolloff : {0.0, 0.25, 0.5}) shapes_[n++] = {width * bandwidth_hz_ / rate_hz_, rolloff};
+    }
+  }
+  for (std::size_t t = 0; t < n; ++t) {
+    for (std::size_t j = 0; j < kBands; ++j) {
+      templates_[t * kBands + j] = raised_cosine((static_cast<double>(j) + 0.5) / kBands - 0.5, shapes_[t]);
+    }
+  }
+}
+
 // r_l[m] = sum over block m of a[n + l] conj(b[n] exp(j 2 pi f n)).
 void AmbiguityStage::tabulate(std::ptrdiff_t lag, double doppler_hz) noexcept {
   table_lag_ = lag;
@@ -80,13 +106,10 @@ void AmbiguityStage::tabulate(std::ptrdiff_t lag, double doppler_hz) noexcept {
   }
   const Cf32* a = a_.data() + static_cast<std::ptrdiff_t>(margin_) + lag - kReach;
   for (std::size_t m = 0; m < blocks_; ++m) {
-    const auto* same = reinterpret_cast<const float*>(turned + m * block_);
-    const auto* other = reinterpret_cast<const float*>(swapped_.data() + m * block_);
+    std::array<Cf32, kLags> row;
+    correlate_lags(a + m * block_, turned + m * block_, swapped_.data() + m * block_, block_, kLags, row.data());
     for (std::size_t l = 0; l < kLags; ++l) {
-      const Cf32* x = a + m * block_ + l;
-      const Cf32 re = dot(same, x, block_), im = dot(other, x, block_);
-      table_[m * kLags + l] = {static_cast<double>(re.real()) + static_cast<double>(re.imag()),
-                               static_cast<double>(im.imag()) - static_cast<double>(im.real())};
+      table_[m * kLags + l] = {static_cast<double>(row[l].real()), static_cast<double>(row[l].imag())};
     }
   }
   double weight = 0.0, mean = 0.0;
@@ -241,32 +264,46 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
     auto_b_[j] *= scale;
   }
 
-  // Signal powers from the noise floors where they are known, else from the coherence alone. The signal's equivalent
-  // band is (int S)^2 / int S^2; the square is freed of the noise's share.
+  // The signal's spectrum is first taken for a raised cosine: the one that fits the cross-spectrum best, or the stated
+  // one, wherever it lies. Few numbers, so that it holds at the threshold as well.
   const std::size_t overlap = std::min(last_a_, last_b_) > std::max(first_a_, first_b_)
                                   ? std::min(last_a_, last_b_) - std::max(first_a_, first_b_)
                                   : n_;
   const double share = static_cast<double>(overlap) / static_cast<double>(nf);
-  double first = 0.0, second = 0.0, moment = 0.0;
-  for (std::size_t j = 0; j < kBands; ++j) {
-    if (count[j] == 0.0) continue;
-    first += cross_[j] * count[j];
-    second += count[j] * (cross_[j] * cross_[j] - 0.5 * auto_a_[j] * auto_b_[j] / (count[j] * share));
-    moment += std::max(0.0, cross_[j]) * count[j] * ((static_cast<double>(j) + 0.5) / kBands - 0.5);
+  double fit = -1e300, height = 0.0, middle = 0.0;
+  Shape shape = shapes_.front();
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(0.15 * bandwidth_hz_ / rate_hz_ * kBands));
+  for (std::size_t t = 0; t < shapes_.size(); ++t) {
+    for (std::ptrdiff_t s = -reach; s <= reach; ++s) {
+      double matched = 0.0, square = 0.0;
+      for (std::size_t j = 0; j < kBands; ++j) {
+        const auto i = static_cast<std::ptrdiff_t>(j) - s;
+        if (i < 0 || i >= static_cast<std::ptrdiff_t>(kBands)) continue;
+        const double value = templates_[t * kBands + static_cast<std::size_t>(i)] * count[j];
+        matched += value * cross_[j];
+        square += value * templates_[t * kBands + static_cast<std::size_t>(i)];
+      }
+      const double score = square > 0.0 ? matched / std::sqrt(square) : -1e300;
+      if (score > fit) {
+        fit = score;
+        shape = shapes_[t];
+        middle = static_cast<double>(s) / kBands;
+        height = matched / square;
+      }
+    }
   }
-  double positive = 0.0;
-  for (std::size_t j = 0; j < kBands; ++j) positive += std::max(0.0, cross_[j]) * count[j];
-  const double middle = positive > 0.0 ? moment / positive : 0.0;  // of the signal's band, cycles per sample
-  double band = second > 0.0 ? first * first / second : bins;      // in bins
-  band = std::clamp(band, 0.02 * bins, bins);
-  if (options_.symbol_rate_hz > 0.0) band = options_.symbol_rate_hz / rate_hz_ * static_cast<double>(nf);
-  const double coherent = std::max(first, 0.0);  // power common to both, per sample and bins as sum_a
+  const auto model = [&](double f) { return raised_cosine(f - middle, shape); };
+  const double band = std::min(shape.width * static_cast<double>(nf), bins);  // its integral, in bins
+  const double amplitude = std::max(height, 0.0);                             // peak of the cross-spectrum, per bin
+  const double coherent = amplitude * band;
+
+  // Signal powers from the noise floors where they are known, else from the coherence alone.
   const auto noise_in = [&](double density, std::size_t from, std::size_t to) {
     return density * rate_hz_ * static_cast<double>(to > from ? to - from : n_);  // per bin
   };
   const double noise_a = noise_in(bands_.noise_a, first_a_, last_a_);
   const double noise_b = noise_in(bands_.noise_b, first_b_, last_b_);
-  double signal_a = sum_a - noise_a * bins, signal_b = sum_b - noise_b * bins;
+  const double signal_a = sum_a - noise_a * bins, signal_b = sum_b - noise_b * bins;
   double snr_a = noise_a > 0.0 && signal_a > 0.0 ? signal_a / (noise_a * band) : 0.0;
   double snr_b = noise_b > 0.0 && signal_b > 0.0 ? signal_b / (noise_b * band) : 0.0;
   const auto other = [&](double total, double signal) {  // the side whose floor is not known
@@ -284,8 +321,10 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
   result.snr_a_db = decibels(snr_a);
   result.snr_b_db = decibels(snr_b);
 
-  // The weight sqrt(g1 g2) S / (1 + (g1 + g2) S) = G / (G_aa G_bb - G^2) of the product, by band (eq. 7).
+  // The weight sqrt(g1 g2) S / (1 + (g1 + g2) S) = G / (G_aa G_bb - G^2) of the product (eq. 7): of the model, and
+  // straight from the spectra of the data, which count by their own SNR per band.
   const std::array<double, 5> smoothing{1.0, 2.0, 3.0, 2.0, 1.0};
+  double modelled = 0.0, seen = 0.0, powers = 0.0, level = 0.0;
   for (std::size_t j = 0; j < kBands; ++j) {
     double g = 0.0, a = 0.0, b = 0.0, total = 0.0;
     for (std::size_t s = 0; s < smoothing.size(); ++s) {
@@ -300,36 +339,36 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
     g = std::max(0.0, g);
     const double squared = a * b;
     band_weight_[j] = total > 0.0 && squared > 0.0 ? total * g / std::max(squared - g * g, 1e-4 * squared) : 0.0;
+    const double s = model((static_cast<double>(j) + 0.5) / kBands - 0.5);
+    modelled += s / (1.0 + (snr_a + snr_b) * s);
+    seen += band_weight_[j];
+    powers += s * auto_a_[j] * auto_b_[j];
+    level += s;
   }
-
-  const double symbols = options_.symbol_rate_hz / rate_hz_;
-  const bool stated = symbols > 0.0;
-  const auto raised_cosine = [&](double f) {
-    const double edge = 0.5 * (1.0 - options_.rolloff) * symbols;
-    const double x =
-        options_.rolloff > 0.0 ? (std::abs(f) - edge) / (options_.rolloff * symbols) : (std::abs(f) > edge ? 1.0 : 0.0);
-    return x <= 0.0 ? 1.0 : x >= 1.0 ? 0.0 : 0.5 * (1.0 + std::cos(kPi * x));
-  };
+  const bool stated = options_.symbol_rate_hz > 0.0;
+  const double mean_bins = static_cast<double>(nf) / kBands;
+  const double band_snr = powers > 0.0 ? 2.0 * amplitude * amplitude * mean_bins * share * level / powers : 0.0;
+  const double trust = stated || !(seen > 0.0) ? 0.0 : band_snr / (band_snr + kBandSnr);
+  const double scale = seen > 0.0 && modelled > 0.0 ? trust * modelled / seen : 0.0;
   const double half_box = bandwidth_hz_ > 0.9 * rate_hz_ ? 0.5 : 0.5 * bandwidth_hz_ / rate_hz_;
   const auto weight_of = [&](double f) {
+    const double s = model(f);
     switch (options_.prefilter) {
       case AmbiguityPrefilter::kNone:
         return 1.0;
       case AmbiguityPrefilter::kBox:
         return std::abs(f - middle) <= half_box ? 1.0 : 0.0;
       case AmbiguityPrefilter::kRootRaisedCosine:
-        return raised_cosine(f - middle);
+        return s;
       case AmbiguityPrefilter::kMaximumLikelihood:
         break;
     }
-    if (stated) {
-      const double s = raised_cosine(f - middle);
-      return s / (1.0 + (snr_a + snr_b) * s);
-    }
+    const double by_model = (1.0 - trust) * s / (1.0 + (snr_a + snr_b) * s);
+    if (scale == 0.0) return by_model;
     const double at = std::clamp((f + 0.5) * kBands - 0.5, 0.0, kBands - 1.0 - 1e-9);
     const auto j = static_cast<std::size_t>(at);
     const double mu = at - static_cast<double>(j);
-    return (1.0 - mu) * band_weight_[j] + mu * band_weight_[j + 1];
+    return by_model + scale * ((1.0 - mu) * band_weight_[j] + mu * band_weight_[j + 1]);
   };
   double largest = 0.0;
   for (std::size_t j = 0; j < kBands; ++j)
@@ -340,9 +379,11 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
     const double w = std::abs(f) <= used ? weight_of(f) / largest : 0.0;
     weight_[k] = static_cast<float>(std::sqrt(w) / static_cast<double>(nf));
   }
+  std::array<double, kBands> weights;
   for (std::size_t j = 0; j < kBands; ++j) {
-    band_weight_[j] = count[j] > 0.0 ? weight_of((static_cast<double>(j) + 0.5) / kBands - 0.5) / largest : 0.0;
+    weights[j] = count[j] > 0.0 ? weight_of((static_cast<double>(j) + 0.5) / kBands - 0.5) / largest : 0.0;
   }
+  std::copy(weights.begin(), weights.end(), band_weight_.begin());
   // Number of bins, as the covariance's unit of frequency.
   for (std::size_t j = 0; j < kBands; ++j) {
     cross_[j] *= count[j];

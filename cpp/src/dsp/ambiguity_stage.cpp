@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/target_clones.hpp"
+#include "dsp/ambiguity_kernels.hpp"
 #include "dsp/kernels.hpp"
 
 namespace soopnav::dsp::detail {
@@ -20,26 +20,6 @@ constexpr double kResidual = 0.35;      // Doppler left between two centres foun
 constexpr double kDopplerPad = 1.5;     // zero padding of the transform over Doppler
 constexpr std::size_t kMaxLines = 8;    // per recording
 constexpr std::size_t kCutBlocks = 64;  // of the search for the burst's edges
-
-// out[i] = a[i] conj(b[i]), interleaved.
-SOOPNAV_TARGET_CLONES void multiply_conjugate(const float* a, const float* b, std::size_t n, float* out) {
-  for (std::size_t i = 0; i < 2 * n; i += 2) {
-    const float re = a[i] * b[i] + a[i + 1] * b[i + 1];
-    const float im = a[i + 1] * b[i] - a[i] * b[i + 1];
-    out[i] = re;
-    out[i + 1] = im;
-  }
-}
-
-// p[i] = (re^2 + im^2) weight[i].
-SOOPNAV_TARGET_CLONES void weighted_power(const float* x, const float* weight, std::size_t n, float* p) {
-  for (std::size_t i = 0; i < n; ++i) p[i] = (x[2 * i] * x[2 * i] + x[2 * i + 1] * x[2 * i + 1]) * weight[i];
-}
-
-void multiply_conjugate(const Cf32* a, const Cf32* b, std::size_t n, Cf32* out) {
-  multiply_conjugate(reinterpret_cast<const float*>(a), reinterpret_cast<const float*>(b), n,
-                     reinterpret_cast<float*>(out));
-}
 
 double power(const Cf32& x) { return static_cast<double>(x.real() * x.real() + x.imag() * x.imag()); }
 
@@ -111,6 +91,8 @@ AmbiguityStage::AmbiguityStage(const AmbiguityOptions& options, std::size_t fact
   energy_a_.resize(kMaxBlocks);
   energy_b_.resize(kMaxBlocks);
   table_.resize(kMaxBlocks * kLags);
+  shapes_.resize(options.symbol_rate_hz > 0.0 ? 1 : 30);
+  templates_.resize(shapes_.size() * kBands);
   cross_.resize(kBands);
   auto_a_.resize(kBands);
   auto_b_.resize(kBands);
@@ -166,6 +148,8 @@ void AmbiguityStage::cut(std::vector<Cf32>& x, double noise_density, std::size_t
 void AmbiguityStage::load(IqSpan a, IqSpan b, const Bands& bands, double low_hz, double high_hz) noexcept {
   bands_ = bands;
   bandwidth_hz_ = std::min(bands.bandwidth_hz, widest_hz_);
+  if (templates_hz_ != bandwidth_hz_) make_templates();
+  templates_hz_ = bandwidth_hz_;
   mix_a_hz_ = bands.center_a_hz;
   mix_b_hz_ = bands.center_b_hz;
   const double apart = mix_a_hz_ - mix_b_hz_;
@@ -350,7 +334,7 @@ void AmbiguityStage::search_lags() noexcept {
       if (to <= from || !fits) return;
       const Cf32* x = spectrum_.data() + (from < 0 ? from + static_cast<std::ptrdiff_t>(size) : from);
       const auto n = static_cast<std::size_t>(to - from);
-      weighted_power(reinterpret_cast<const float*>(x), inverse_noise_.data() + (from - first), n, powers);
+      weighted_power(x, inverse_noise_.data() + (from - first), n, powers);
       for (std::size_t i = 0; i < n; ++i) {
         if (powers[i] > best) {
           best = powers[i];

@@ -57,6 +57,14 @@ class AmbiguityStage {
 
   using Bins = std::vector<Cf32>;
 
+  struct Shape {
+    double width;  // noise bandwidth, cycles per decimated sample
+    double rolloff;
+  };
+
+  [[nodiscard]] static double raised_cosine(double f, const Shape& shape) noexcept;
+  void make_templates() noexcept;
+
   [[nodiscard]] double bin_frequency(std::size_t k) const noexcept;  // cycles per decimated sample
   void cut(std::vector<Cf32>& x, double noise_density, std::size_t& first, std::size_t& last) noexcept;
   void transform(const std::vector<Cf32>& x, Bins& out, double shift) noexcept;
@@ -114,6 +122,9 @@ class AmbiguityStage {
   double table_doppler_hz_ = 0.0;
   double epoch_ = 0.0;  // energy's centre, inner samples
   // Of the refined peak, by band.
+  std::vector<Shape> shapes_;
+  std::vector<double> templates_;  // [shape][band]
+  double templates_hz_ = 0.0;      // bandwidth they are made for
   std::vector<double> cross_, auto_a_, auto_b_, band_weight_;
 };
 
