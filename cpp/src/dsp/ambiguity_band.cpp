@@ -7,7 +7,8 @@
 namespace soopnav::dsp::detail {
 namespace {
 
-constexpr double kClear = 25.0;     // scores above this need no more averaging
+constexpr double kEnough = 8.0;   // the same, once every sample has been used
+constexpr double kClear = 12.0;     // scores above this need no more averaging
 constexpr double kSeen = 6.0;       // and below this there is no band to be seen
 constexpr double kCentroid = 15.0;  // from here on the centroid is better than the window
 constexpr std::size_t kReach = 4;   // bins: a feature that falls by kSteep within this is a line
@@ -104,7 +105,7 @@ double BandFinder::excess(const Side& side, std::size_t first, std::size_t width
   return (side.sums[first + width] - side.sums[first]) * std::sqrt(side.averages / (1.5 * static_cast<double>(width)));
 }
 
-BandFinder::Window BandFinder::best(const BandRequest& request, std::size_t width) const noexcept {
+BandFinder::Window BandFinder::best(const BandRequest& request, std::size_t width, double floor) const noexcept {
   const auto clamp_bin = [&](double center_hz) {
     const double bin = center_hz * static_cast<double>(size_) / rate_ + static_cast<double>(size_ / 2) -
                        0.5 * static_cast<double>(width - 1);
@@ -117,8 +118,13 @@ BandFinder::Window BandFinder::best(const BandRequest& request, std::size_t widt
   };
   const auto largest = [&](const Side& side, std::size_t from, std::size_t to) {
     std::size_t at = from;
+    double most = side.sums[from + width] - side.sums[from];
     for (std::size_t k = from + 1; k <= to; ++k) {
-      if (excess(side, k, width) > excess(side, at, width)) at = k;
+      const double sum = side.sums[k + width] - side.sums[k];
+      if (sum > most) {
+        most = sum;
+        at = k;
+      }
     }
     return at;
   };
@@ -137,7 +143,7 @@ BandFinder::Window BandFinder::best(const BandRequest& request, std::size_t widt
       static_cast<std::ptrdiff_t>(std::ceil((request.doppler_center_hz + request.max_doppler_hz) / bin_hz + 0.5));
   const auto apart = static_cast<std::ptrdiff_t>(w.first_a) - static_cast<std::ptrdiff_t>(w.first_b);
   w.score = (excess(a_, w.first_a, width) + excess(b_, w.first_b, width)) / std::numbers::sqrt2;
-  if ((apart >= low && apart <= high) || from_a == to_a || from_b == to_b) return w;
+  if ((apart >= low && apart <= high) || from_a == to_a || from_b == to_b || w.score < floor) return w;
   w.score = -1e300;
   for (std::size_t k = from_b; k <= to_b; ++k) {
     const auto first = std::max<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(k) + low, 0);
@@ -155,12 +161,12 @@ BandFinder::Window BandFinder::search(const BandRequest& request) noexcept {
   const double bin_hz = rate_ / static_cast<double>(size_);
   if (request.bandwidth_hz > 0.0) {
     const double width = std::round(0.8 * request.bandwidth_hz / bin_hz);
-    return best(request, static_cast<std::size_t>(std::clamp(width, 1.0, static_cast<double>(size_))));
+    return best(request, static_cast<std::size_t>(std::clamp(width, 1.0, static_cast<double>(size_))), -1e300);
   }
   Window w;
   w.score = -1e300;
   for (std::size_t width = 3; width <= size_; width += std::max<std::size_t>(1, width / 6)) {
-    const Window candidate = best(request, width);
+    const Window candidate = best(request, width, w.score);
     if (candidate.score > w.score) w = candidate;
   }
   return w;
@@ -181,12 +187,12 @@ double BandFinder::centroid(const Side& side, std::size_t first, std::size_t wid
 }
 
 Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept {
-  // A few segments show a strong signal; a weak one needs them all.
+  // A few segments show a strong signal; a weak one needs them all, and overlapped.
   Window w;
-  for (const bool all : {false, true}) {
+  for (int pass = 0; pass < 3; ++pass) {
     const std::size_t segments = a.size() / size_;
-    const std::size_t step = all ? 1 : std::max<std::size_t>(1, segments / 16);
-    const std::size_t hop = all ? size_ / 2 : size_;
+    const std::size_t step = pass == 0 ? std::max<std::size_t>(1, segments / 16) : 1;
+    const std::size_t hop = pass == 2 ? size_ / 2 : size_;
     spectrum(a, step, hop, a_);
     spectrum(b, step, hop, b_);
     sum(a_, false, 0, 0);
@@ -195,7 +201,7 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
     sum(a_, true, w.first_a, w.width);
     sum(b_, true, w.first_b, w.width);
     w = search(request);
-    if (w.score > kClear) break;
+    if (w.score > (pass == 1 ? kEnough : request.bandwidth_hz > 0.0 ? kClear : 2.0 * kClear)) break;
   }
   Bands bands;
   const double bin_hz = rate_ / static_cast<double>(size_);

@@ -54,7 +54,8 @@ class BandFinder {
   void remove_lines(Side& side) noexcept;
   void sum(Side& side, bool excluded, std::size_t first, std::size_t width) noexcept;
   [[nodiscard]] double excess(const Side& side, std::size_t first, std::size_t width) const noexcept;
-  Window best(const BandRequest& request, std::size_t width) const noexcept;
+  // The best pair of windows; one that stays below `floor` may break the limit on Doppler.
+  Window best(const BandRequest& request, std::size_t width, double floor) const noexcept;
   Window search(const BandRequest& request) noexcept;
   [[nodiscard]] double centroid(const Side& side, std::size_t first, std::size_t width) const noexcept;
   [[nodiscard]] double frequency(double bin) const noexcept;
