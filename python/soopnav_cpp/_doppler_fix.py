@@ -151,10 +151,10 @@ def doppler_fix(
 ) -> DopplerFix:
     """Position of a receiver from one-way Dopplers of several satellites, in one batch of any start.
 
-    Weighted least squares with Gaussian priors on height, receiver frequency, a constant of each satellite and its error
-    along its orbit (cpp/doc/doppler_fix.md). Gaussian models only, and nothing is rejected: published sets are often
-    cut to small residuals at the truth, and a norm that weighs large residuals more than their square, or a loss that
-    is tuned on them, then finds the cut, not the place.
+    Weighted least squares with Gaussian priors on height, receiver frequency, a constant of each satellite and its
+    error along its orbit (cpp/doc/doppler_fix.md). Gaussian models only, and nothing is rejected: published sets are
+    often cut to small residuals at the truth, and a norm that weighs large residuals more than their square, or a loss
+    that is tuned on them, then finds the cut, not the place.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def read_ephemeris(path: str | os.PathLike[str]) -> Ephemeris:
 
 def _read_npz(file: Path) -> Ephemeris:
     try:
-        with np.load(file, allow_pickle=False) as data:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             names = [str(n) for n in data["names"]]
             start, step, count = data["start_s"], data["step_s"], data["count"]
             position, velocity = data["position_e_m"], data["velocity_e_mps"]

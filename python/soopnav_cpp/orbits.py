@@ -2,7 +2,7 @@
 
 Elements (TLE, OMM) go through the package ``sgp4`` (extra ``orbits``) and leave as `geometry.SampledOrbit`: ECEF
 positions and velocities at even steps. Derivations and errors: ``cpp/doc/orbits.md``. UT1 is taken to be UTC unless its
-difference is given, and polar motion is left out: both move all satellites alike, by up to some hundred metres and 17 m.
+difference is given, and polar motion is left out: both move all satellites alike, by some hundred metres and 17 m.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -344,5 +345,5 @@ def time_text(reference: datetime | str, t_s: float) -> str:
 
 def read_orbits(path: str | os.PathLike[str]) -> list[Satellite]:
     """Elements from a file of either kind: TLE by the suffixes .tle, .txt and .3le, OMM otherwise."""
-    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    suffix = Path(path).suffix.lower()
     return read_tle(path) if suffix in (".tle", ".txt", ".3le") else read_omm(path)

@@ -21,6 +21,7 @@ from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
+from soopnav_cpp._sky_figures import passes
 from soopnav_cpp._source_figures import bearings_map, likelihood, particles, source_errors
 from soopnav_cpp._vision_figures import FrameTracks, draw_tracks, ground_track, increments, save_picture
 from soopnav_cpp.navigation import PositionFix
@@ -43,6 +44,7 @@ __all__ = [
     "innovations",
     "likelihood",
     "particles",
+    "passes",
     "polar_spectrum",
     "position_map",
     "rms",

@@ -18,6 +18,7 @@ namespace {
 constexpr double kOmega = wgs84::kEarthRateRadps;
 constexpr double kFreeBiasHz = 1e5;        // a prior so wide that it says nothing
 constexpr std::size_t kGridPoints = 4000;  // about 360 km apart
+constexpr std::size_t kGridRows = 100;
 constexpr std::size_t kGridStarts = 10;
 constexpr double kGridSlackRad = 3.0 / 180.0 * kPi;
 constexpr double kDistinctM = 1000.0;
@@ -285,6 +286,7 @@ std::vector<Point> starts(const Batch& batch, const DopplerFixOptions& options) 
   }
   if (!options.search) return out;
   const double least = std::sin(options.mask_rad - kGridSlackRad);
+  const std::size_t stride = 1 + batch.rows().size() / kGridRows;  // some rows tell where the satellites are seen
   std::vector<Eigen::Vector3d> places;
   std::size_t most = 0;
   for (std::size_t i = 0; i < kGridPoints; ++i) {
@@ -296,8 +298,8 @@ std::vector<Point> starts(const Batch& batch, const DopplerFixOptions& options) 
     const double r = std::sqrt(1.0 - z * z);
     const Eigen::Vector3d up(r * std::cos(longitude), r * std::sin(longitude), z);
     std::size_t seen = 0;
-    for (const Row& row : batch.rows()) {
-      const Eigen::Vector3d line = row.data->source_p_e - p;
+    for (std::size_t k = 0; k < batch.rows().size(); k += stride) {
+      const Eigen::Vector3d line = batch.rows()[k].data->source_p_e - p;
       if (up.dot(line) >= least * line.norm()) ++seen;
     }
     if (seen > most) {

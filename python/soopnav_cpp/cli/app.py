@@ -12,6 +12,7 @@ import click
 from soopnav_cpp import __version__, io
 from soopnav_cpp.cli import calibrate as _calibrate
 from soopnav_cpp.cli import camera, finding
+from soopnav_cpp.cli import passes as _passes
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -60,6 +61,7 @@ def cli() -> None:
       soopnav observe room.toml --out room.png
       soopnav df drive.sigmf-meta --array roof.toml --poses drive.csv
       soopnav locate-emitter bearings.csv
+      soopnav passes iridium.tle --at 60.2,25.0 --start 2014-08-27T06:00:00Z
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
@@ -408,3 +410,4 @@ def bench(names: tuple[str, ...], as_json: bool, runs: int, only_list: bool) -> 
 
 
 cli.add_command(_calibrate.command)
+cli.add_command(_passes.passes)
