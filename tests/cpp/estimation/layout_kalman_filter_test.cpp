@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -68,6 +69,51 @@ TEST(LayoutKalmanFilter, KnownSourceClockEqualsTheFixedFilter) {
   EXPECT_NEAR((layout.covariance().topLeftCorner<4, 4>() - fixed.covariance()).norm(), 0.0, 1e-9);
   EXPECT_EQ(layout.state().x()[4], 1.0);
   EXPECT_EQ(layout.covariance()(4, 4), 100.0);
+}
+
+// Two rows: a coordinate, and its sum with a clock.
+struct TwoRows {
+  using Frame = EnuFrame;
+  static constexpr int kDim = 2;
+  Block<1> clock;
+  template <class X, class Y>
+  [[nodiscard]] bool predict(const X& x, Y& y) const {
+    y.value(0) = x(kPosition)[0];
+    y.value(1) = x(kPosition)[0] + x(clock)[0];
+    if constexpr (Y::kJacobian) {
+      auto&& to_p = y.jacobian(kPosition);
+      to_p(0, 0) += 1.0;
+      to_p(1, 0) += 1.0;
+      y.jacobian(clock)(1, 0) += 1.0;
+    }
+    return true;
+  }
+};
+
+TEST(LayoutKalmanFilter, SeveralRowsDoNotDependOnTheRoomThatIsLeft) {
+  Eigen::Matrix2d R;
+  R << 4.0, 1.0, 1.0, 9.0;
+  std::vector<Eigen::VectorXd> means;
+  std::vector<Eigen::MatrixXd> covariances;
+  for (const int room : {0, 1, 30}) {
+    Filter filter(start(), Eigen::Matrix4d(Eigen::Vector4d(4, 9, 1, 25).asDiagonal()), 5 + room, 1 + room);
+    const auto clock = filter.join(1.0, 100.0, "clock");
+    for (int k = 0; k < 3; ++k) ASSERT_TRUE(filter.update(TwoRows{clock}, Eigen::Vector2d(11.0, 14.0), R).accepted());
+    means.emplace_back(filter.state().x());
+    covariances.emplace_back(filter.covariance());
+  }
+  // By the information: three times Hᵀ R⁻¹ H on the coordinate and the clock.
+  Eigen::Matrix2d H;
+  H << 1.0, 0.0, 1.0, 1.0;
+  const Eigen::Matrix2d prior = Eigen::Vector2d(4.0, 100.0).asDiagonal();
+  const Eigen::Matrix2d P = (prior.inverse() + 3.0 * H.transpose() * R.inverse() * H).inverse();
+  for (std::size_t i = 0; i < means.size(); ++i) {
+    EXPECT_EQ(means[i], means[0]);
+    EXPECT_EQ(covariances[i], covariances[0]);
+  }
+  EXPECT_NEAR(covariances[0](0, 0), P(0, 0), 1e-12);
+  EXPECT_NEAR(covariances[0](4, 4), P(1, 1), 1e-10);
+  EXPECT_NEAR(covariances[0](0, 4), P(0, 1), 1e-11);
 }
 
 TEST(LayoutKalmanFilter, EstimatedClocksEqualTheDenseFilterThroughJoinsAndLeaves) {

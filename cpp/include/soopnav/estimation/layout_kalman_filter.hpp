@@ -291,10 +291,11 @@ class ExtendedKalmanFilter<LayoutState<FrameTag, Roles...>> {
              UpdateReport<M>& report) {
     using Columns = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, M>, 0, Eigen::OuterStride<>>;
     const int n = dim();
-    const Eigen::OuterStride<> stride(scratch_.outerStride());
+    // Column behind column without gaps, as the triangular solves for the gain take them.
+    const Eigen::OuterStride<> stride(n);
     Columns PH(scratch_.data(), n, M, stride);
-    Columns K(scratch_.col(M).data(), n, M, stride);
-    Columns B(scratch_.col(2 * M).data(), n, M, stride);
+    Columns K(scratch_.data() + n * M, n, M, stride);
+    Columns B(scratch_.data() + 2 * n * M, n, M, stride);
     PH.setZero();
     for (int c = 0; c < y.touched.size(); ++c) {
       const auto column = P_.col(y.touched.component(c)).head(n);
