@@ -356,28 +356,45 @@ PairStart start_pair(std::span<const geometry::SampledOrbit> beacons, std::span<
   const auto fits = [&](const Batch::Pass& pass) {
     return pass.chi_square <= chi_square_upper_quantile(kOutlierProbability, std::max(pass.rows - kDirections, 1));
   };
-  // Bursts that contradict the best are left out, the worst first, and it is followed on.
-  const std::size_t most = batch.bursts().size() / 5;
-  for (std::size_t out = 0; out < most && !fits(found[0].pass);) {
-    const std::vector<double> nis = found[0].pass.nis;
-    std::vector<std::size_t> order;
-    for (std::size_t i = 0; i < nis.size(); ++i) {
-      if (batch.bursts()[i].used && nis[i] > batch.gate()) order.push_back(i);
-    }
-    if (order.empty()) break;
-    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return nis[a] > nis[b]; });
-    order.resize(std::min(std::max<std::size_t>(1, order.size() / 3), most - out));
-    for (const std::size_t i : order) batch.bursts()[i].used = false;
-    out += order.size();
+  const auto follow_on = [&] {
     std::vector<Found> again;
+    const double span = batch.bursts().back().m->t_s - batch.bursts().front().m->t_s;
     for (const Found& f : found) {
-      const double span = batch.bursts().back().m->t_s - batch.bursts().front().m->t_s;
       Found g{f.pass.mean.head<3>() - span * f.pass.mean.segment<3>(3), {}, 0};
       if (batch.follow(g.from, g.pass, g.iterations)) again.push_back(std::move(g));
     }
-    if (again.empty()) break;
+    if (again.empty()) return false;
     found = std::move(again);
     std::sort(found.begin(), found.end(), by_fit);
+    return true;
+  };
+  // Bursts that contradict the best are left out, the worst first, and it is followed on; those that turn out to fit
+  // come back.
+  const std::size_t most = batch.bursts().size() / 5;
+  std::size_t out = 0;
+  while (out < most && !fits(found[0].pass)) {
+    const std::vector<double>& nis = found[0].pass.nis;
+    double worst = batch.gate();
+    for (std::size_t i = 0; i < nis.size(); ++i) {
+      if (batch.bursts()[i].used) worst = std::max(worst, nis[i]);
+    }
+    const std::size_t before = out;
+    for (std::size_t i = 0; i < nis.size() && out < most; ++i) {
+      Burst& b = batch.bursts()[i];
+      if (!b.used || !(nis[i] > std::max(batch.gate(), 0.5 * worst))) continue;
+      b.used = false;
+      ++out;
+    }
+    if (out == before || !follow_on()) break;
+  }
+  if (out > 0 && fits(found[0].pass)) {
+    bool back = false;
+    for (std::size_t i = 0; i < found[0].pass.nis.size(); ++i) {
+      Burst& b = batch.bursts()[i];
+      if (b.used || !(found[0].pass.nis[i] < batch.gate())) continue;
+      b.used = back = true;
+    }
+    if (back) static_cast<void>(follow_on());
   }
 
   const auto solution = [](const Batch::Pass& pass) { return PairSolution{pass.mean, pass.P, pass.chi_square}; };
