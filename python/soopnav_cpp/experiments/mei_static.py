@@ -1,0 +1,378 @@
+"""A target that stands still: found from bursts alone, and tracked (mei, Localizing static receiver 1 and 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp import geometry
+from soopnav_cpp.experiments.mei_setup import (
+    CANBERRA,
+    SIGMAS_BOUND,
+    SIGMAS_PAPER,
+    TCXO,
+    Campaign,
+    Setup,
+    campaign,
+)
+from soopnav_cpp.experiments.registry import (
+    Claim,
+    Lab,
+    above,
+    at_least,
+    band,
+    below,
+    experiment,
+    style,
+)
+from soopnav_cpp.navigation import CooperativeRun, CooperativeTracker, PairBursts, PairStart, expected_pair
+
+__all__ = ["Found", "bursts_of", "locate", "tracker_of", "truth_of"]
+
+Array = npt.NDArray[np.float64]
+Mode = Literal["iq", "drawn"]
+
+BATCH_S = 90.0
+RUNS = 100
+GUESS_M = 50e3
+SEEN = [0, 1, 2, 6, 7]  # position, theta, alpha: the velocity is known, not estimated
+BLUE, RED, GREY, GREEN = "#1b6ca8", "#d1495b", "#5c677d", "#2e933c"
+GRID_S = np.arange(BATCH_S, 300.0, 5.0)
+
+
+def bursts_of(found: Campaign) -> PairBursts:
+    """A campaign's measurements as the tracker takes them."""
+    return PairBursts(
+        found.t_s,
+        found.beacon,
+        found.tdoa_s,
+        found.fdoa_hz,
+        found.covariance,
+        found.world.carrier_hz,
+        found.world.anchor_p_e,
+    )
+
+
+def truth_of(found: Campaign) -> Array:
+    """Position, velocity, theta and alpha as they are at each measured burst, shape (n, 8)."""
+    world, row = found.world, found.row
+    clocks = np.column_stack([world.theta_m[row], world.alpha_mps[row]])
+    return np.hstack([world.position_e_m[row], world.velocity_e_mps[row], clocks])
+
+
+def tracker_of(found: Campaign, **options: float) -> CooperativeTracker:
+    """A tracker that knows the clocks' kind, the height as it was told, and that the target stands."""
+    setup = found.world.setup
+    return CooperativeTracker(
+        found.world.beacons,
+        target_clock=setup.clock,
+        anchor_clock=setup.clock,
+        height_m=found.world.height_m,
+        height_sigma_m=setup.height_sigma_m,
+        mask_rad=setup.mask_rad - math.radians(1.0),
+        **options,
+    )
+
+
+def guess(found: Campaign, off_m: float, seed: int) -> Array:
+    """A place on the ellipsoid `off_m` from the target, in a random direction."""
+    azimuth = np.random.default_rng([seed, 0x6D65_6910]).uniform(0.0, 2.0 * math.pi)
+    latitude, longitude, _ = geometry.ecef_to_geodetic(found.world.position_e_m[0])
+    angle = off_m / 6.371e6
+    end = math.asin(math.sin(latitude) * math.cos(angle) + math.cos(latitude) * math.sin(angle) * math.cos(azimuth))
+    east = math.atan2(
+        math.sin(azimuth) * math.sin(angle) * math.cos(latitude),
+        math.cos(angle) - math.sin(latitude) * math.sin(end),
+    )
+    place: Array = geometry.geodetic_to_ecef(end, float(longitude) + east, found.world.height_m)
+    return place
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of one campaign.
+
+    Attributes
+    ----------
+    start_error_m, start_nees : float
+        After the batch; NEES of position, theta and alpha.
+    error_m, sigma_m : ndarray
+        Horizontal, over `GRID_S`, the last one at the end.
+    nees : float
+        At the end, of position, theta and alpha.
+    lost : float
+        Share of bursts that were refused after the batch.
+    plain_error_m, plain_nees : float
+        Of an extended Kalman filter that starts at the guess, at the end; NaN when not run.
+    scatter : ndarray, shape (n, 2)
+        Errors of TDOA and FDOA in their stated sigmas.
+    """
+
+    start_error_m: float
+    start_nees: float
+    error_m: Array
+    sigma_m: Array
+    nees: float
+    lost: float
+    plain_error_m: float
+    plain_nees: float
+    scatter: Array
+
+
+def nees_of(mean: Array, covariance: Array, truth: Array) -> float:
+    """Squared error of position, theta and alpha in their covariance."""
+    error = (mean - truth)[SEEN]
+    return float(error @ np.linalg.solve(covariance[np.ix_(SEEN, SEEN)], error))
+
+
+def begin(found: Campaign, seed: int, off_m: float | None) -> tuple[CooperativeTracker, PairStart, PairBursts]:
+    """A batch start from the first bursts: from a guess so far off, or from the grid without any."""
+    bursts = bursts_of(found)
+    batch = bursts[bursts.t_s < BATCH_S]
+    tracker = tracker_of(found)
+    if off_m is None:
+        start = tracker.start(batch)
+    else:
+        start = tracker.start(batch, guess_e_m=guess(found, off_m, seed), search_radius_m=0.0)
+    return tracker, start, bursts[bursts.t_s >= BATCH_S]
+
+
+def plain_filter(found: Campaign, seed: int, off_m: float) -> CooperativeRun:
+    """An extended Kalman filter from a guess, which knows how far off that may be; clocks from the first burst."""
+    bursts = bursts_of(found)
+    tracker = tracker_of(found, gate_probability=0.0)
+    mean = np.zeros(8)
+    mean[:3] = guess(found, off_m, seed)
+    tdoa, fdoa = expected_pair(found.world.beacons, bursts[:1], mean)
+    light = 299_792_458.0
+    mean[6] = light * (bursts.tdoa_s[0] - tdoa[0])
+    mean[7] = -light / found.world.carrier_hz * (bursts.fdoa_hz[0] - fdoa[0])
+    sigma = np.array([off_m] * 3 + [1e-3] * 3 + [off_m, 5e-3 * off_m])
+    tracker.start_at(float(bursts.t_s[0]), mean, np.diag(sigma**2))
+    return tracker.run(bursts[1:])
+
+
+def locate(seed: int, setup: Setup, mode: Mode, sigmas: tuple[float, float], plain: bool = False) -> Found:
+    """One campaign: batch from 50 km off, then burst by burst to the end."""
+    found = campaign(setup, seed, mode=mode, sigmas=sigmas)
+    truth = truth_of(found)
+    tracker, start, rest = begin(found, seed, GUESS_M)
+    last = int(np.count_nonzero(found.t_s < BATCH_S)) - 1
+    run = tracker.run(rest)
+    error = np.linalg.norm(run.error_enu_m(truth[0, :3])[:, :2], axis=1)
+    at = np.clip(np.searchsorted(run.t_s, np.append(GRID_S, np.inf)) - 1, 0, len(run.t_s) - 1)
+    worst, wrong = math.nan, math.nan
+    if plain:
+        other = plain_filter(found, seed, GUESS_M)
+        worst = float(np.linalg.norm(other.error_enu_m(truth[0, :3])[-1, :2]))
+        wrong = nees_of(other.mean[-1], other.covariance[-1], truth[-1])
+    stated = np.sqrt(np.stack([found.covariance[:, 0, 0], found.covariance[:, 1, 1]], axis=1))
+    return Found(
+        start_error_m=float(np.linalg.norm(start.mean[:3] - truth[0, :3])),
+        start_nees=nees_of(start.mean, start.covariance, truth[last]),
+        error_m=error[at],
+        sigma_m=run.horizontal_sigma_m[at],
+        nees=nees_of(run.mean[-1], run.covariance[-1], truth[-1]),
+        lost=1.0 - float(np.mean(run.accepted)),
+        plain_error_m=worst,
+        plain_nees=wrong,
+        scatter=np.column_stack([found.tdoa_error_s, found.fdoa_error_hz]) / stated,
+    )
+
+
+def converged(seed: int, setup: Setup, sigmas: tuple[float, float], off_m: float | None) -> float:
+    """Whether a batch ends at the truth: NEES of five states below 45, which chance passes once in 1e8."""
+    found = campaign(replace(setup, duration_s=BATCH_S + 1.0), seed, mode="drawn", sigmas=sigmas)
+    tracker, start, _ = begin(found, seed, off_m)
+    if not tracker.started:
+        return 0.0
+    last = int(np.count_nonzero(found.t_s < BATCH_S)) - 1
+    return float(nees_of(start.mean, start.covariance, truth_of(found)[last]) < 45.0)
+
+
+def rms(values: Sequence[float] | Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def example(seed: int) -> tuple[Campaign, CooperativeRun]:
+    """The campaign that is drawn: tracked from the grid on."""
+    found = campaign(Setup(), seed)
+    tracker, _, rest = begin(found, seed, None)
+    return found, tracker.run(rest)
+
+
+def draw_example(lab: Lab, found: Campaign, run: CooperativeRun) -> None:
+    """Clock parameters over time, and the way of the estimate."""
+    truth = truth_of(found)[found.t_s >= BATCH_S]
+    sigma = np.sqrt(np.diagonal(run.covariance, axis1=1, axis2=2))
+    with lab.figure(9.6, 4.6, part="track") as figure:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
+        for row, (state, name, unit, scale) in enumerate(
+            ((6, "clock offset θ", "µs", 1e6 / 299_792_458.0), (7, "clock skew α", "ppb", 1e9 / 299_792_458.0))
+        ):
+            axes = figure.add_subplot(grid[row, 0])
+            error = scale * (run.mean[:, state] - truth[:, state])
+            band_ = scale * sigma[:, state]
+            axes.fill_between(run.t_s, -2.0 * band_, 2.0 * band_, color=BLUE, alpha=0.15, lw=0, label="±2σ")
+            axes.plot(run.t_s, error, color=BLUE, lw=1.2, label="error")
+            axes.axhline(0.0, color=GREY, lw=0.6)
+            axes.legend(fontsize=8, frameon=False, loc="upper right", ncols=2)
+            value = scale * truth[-1, state]
+            style(axes, f"Error of the {name} (it ends at {value:.4g} {unit})", "time [s]" if row else "", f"[{unit}]")
+        axes = figure.add_subplot(grid[:, 1])
+        way = run.error_enu_m(truth[0, :3])[:, :2]
+        axes.plot(way[:, 0], way[:, 1], color=BLUE, lw=1.0, label="estimate")
+        axes.plot(*way[0], "o", ms=5, color=BLUE, mfc="white", label=f"after the batch, {BATCH_S:.0f} s")
+        axes.plot(*way[-1], "o", ms=5, color=BLUE, label="at the end, 300 s")
+        axes.plot(0.0, 0.0, "+", ms=12, mew=2, color=RED, label="truth")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.15)
+        axes.legend(fontsize=8, frameon=False)
+        style(axes, "The target's place", "east [m]", "north [m]")
+
+
+def draw_runs(lab: Lab, runs: Sequence[Found]) -> None:
+    """Error over time against its prediction, and what the bursts' errors look like."""
+    t = np.append(GRID_S, 300.0)
+    error, sigma = np.array([r.error_m for r in runs]), np.array([r.sigma_m for r in runs])
+    with lab.figure(9.6, 4.2) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+        left.plot(t, error.T, color=GREY, lw=0.4, alpha=0.35)
+        left.plot([], [], color=GREY, lw=0.8, label="each run")
+        left.plot(t, np.sqrt(np.mean(error**2, axis=0)), color=BLUE, lw=2.0, label=f"RMSE of {len(runs)} runs")
+        left.plot(t, np.sqrt(np.mean(sigma**2, axis=0)), "--", color=RED, lw=1.5, label="as the filter predicts it")
+        left.axhline(50.0, color=GREEN, lw=1.0, ls=":", label="50 m")
+        left.set_yscale("log")
+        left.set_ylim(1.0, 500.0)
+        left.legend(fontsize=8, frameon=False, loc="lower left")
+        style(left, "Horizontal error after the batch start", "time [s]", "[m]")
+        scatter = np.concatenate([r.scatter for r in runs])
+        edges = np.linspace(-5.0, 5.0, 51)
+        for column, (name, colour) in enumerate((("TDOA", BLUE), ("FDOA", RED))):
+            right.hist(scatter[:, column], edges, density=True, histtype="step", lw=1.4, color=colour, label=name)
+        middle = np.linspace(-5.0, 5.0, 201)
+        density = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
+        right.plot(middle, density, color=GREY, lw=1.0, ls="--", label="standard normal")
+        right.legend(fontsize=8, frameon=False)
+        style(right, "Errors of the bursts", "error / stated σ", "density")
+
+
+@experiment("mei-static", title="A static target and its clock", source="mei, Localizing static receiver", runs=RUNS)
+def static(lab: Lab) -> Iterator[Claim]:
+    """From the bursts' samples: batch start 50 km off, then one burst a second."""
+    setup = Setup()
+    runs = lab.map(locate, setup, "iq", SIGMAS_PAPER, True)
+    draw_runs(lab, runs)
+    draw_example(lab, *example(lab.seeds[0]))
+    end = np.array([r.error_m[-1] for r in runs])
+    lab.save(
+        t_s=np.append(GRID_S, 300.0),
+        error_m=[r.error_m for r in runs],
+        sigma_m=[r.sigma_m for r in runs],
+        nees=[r.nees for r in runs],
+        plain_error_m=[r.plain_error_m for r in runs],
+        scatter=np.concatenate([r.scatter for r in runs]),
+    )
+    where = f"Helsinki, OCXO, 10 km apart, bursts of 32.5 ms at -5.4 dB made, sent and measured by CAF, {RUNS} runs"
+    yield Claim(f"horizontal RMSE after 5 min; {where}", rms(end), below(50.0, "m"))
+    yield Claim("share of runs that end within 200 m", float(np.mean(end < 200.0)), at_least(0.99))
+    yield Claim(
+        "mean NEES of position, theta and alpha at the end, over its dimension",
+        float(np.mean([r.nees for r in runs])) / len(SEEN),
+        band(0.7, 1.4),
+    )
+    yield Claim(
+        "a plain extended filter from the same guess: its mean NEES over its dimension, for it looks converged",
+        float(np.mean([r.plain_nees for r in runs])) / len(SEEN),
+        above(3.0),
+    )
+    yield Claim(
+        "and its RMSE over that of the batch start", rms([r.plain_error_m for r in runs]) / rms(end), above(3.0)
+    )
+
+
+@experiment("mei-static-bound", title="A static target with sigmas of the bound", source="mei, CRLB", runs=RUNS)
+def bound(lab: Lab) -> Iterator[Claim]:
+    """Measurements drawn from the exact model with the bound's noise for 90 ms at 10 dB."""
+    rows = {}
+    for name, setup, limit in (
+        ("OCXO", Setup(), 5.0),
+        ("TCXO", Setup(clock=TCXO), 10.0),
+    ):
+        runs = lab.map(locate, setup, "drawn", SIGMAS_BOUND)
+        rows[name] = runs
+        end = [r.error_m[-1] for r in runs]
+        yield Claim(f"{name}: horizontal RMSE after 5 min, drawn, {RUNS} runs", rms(end), below(limit, "m"))
+        yield Claim(
+            f"{name}: mean NEES over its dimension",
+            float(np.mean([r.nees for r in runs])) / len(SEEN),
+            band(0.7, 1.4),
+        )
+    t = np.append(GRID_S, 300.0)
+    with lab.figure(7.2, 4.2) as figure:
+        axes = figure.subplots()
+        for (name, runs), colour in zip(rows.items(), (BLUE, RED), strict=True):
+            error, sigma = np.array([r.error_m for r in runs]), np.array([r.sigma_m for r in runs])
+            axes.plot(t, np.sqrt(np.mean(error**2, axis=0)), color=colour, lw=1.8, label=f"{name}: RMSE")
+            axes.plot(t, np.sqrt(np.mean(sigma**2, axis=0)), "--", color=colour, lw=1.2, label=f"{name}: predicted")
+        axes.set_yscale("log")
+        axes.legend(fontsize=8, frameon=False)
+        style(axes, f"148 ns and 45 mHz: horizontal RMSE of {RUNS} runs", "time [s]", "[m]")
+    lab.save(
+        t_s=t,
+        **{f"error_{name.lower()}_m": [r.error_m for r in runs] for name, runs in rows.items()},
+        **{f"sigma_{name.lower()}_m": [r.sigma_m for r in runs] for name, runs in rows.items()},
+    )
+
+
+@experiment("mei-static-canberra", title="The paper's town", source="mei, Localizing static receiver", runs=4 * RUNS)
+def canberra(lab: Lab) -> Iterator[Claim]:
+    """At mid-latitude few satellites are up: a few starts are bound by geometry, and the filter says so."""
+    runs = lab.map(locate, Setup(site=CANBERRA), "drawn", SIGMAS_PAPER)
+    end = np.array([r.error_m[-1] for r in runs])
+    sigma = np.array([r.sigma_m[-1] for r in runs])
+    with lab.figure(6.0, 5.0) as figure:
+        axes = figure.subplots()
+        axes.plot(sigma, end, ".", ms=4, color=BLUE, alpha=0.6)
+        span = np.array([sigma.min(), sigma.max()])
+        axes.plot(span, span, color=RED, lw=1.2, label="error = predicted σ")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.legend(fontsize=8, frameon=False)
+        style(axes, f"Canberra after 5 min, {len(end)} starts", "predicted σ, horizontal [m]", "error, horizontal [m]")
+    lab.save(error_m=end, sigma_m=sigma)
+    yield Claim(f"median horizontal error after 5 min, drawn, {len(end)} runs", float(np.median(end)), below(50.0, "m"))
+    yield Claim("RMS of each run's error over its predicted sigma", rms(end / sigma), band(0.8, 1.25))
+
+
+@experiment(
+    "mei-static-start", title="Starts from far away", source="mei, initial guess matters (Summary)", runs=2 * RUNS
+)
+def starts(lab: Lab) -> Iterator[Claim]:
+    """Batches of 90 s, from a guess alone and from the grid."""
+    setup = Setup()
+    cases: list[tuple[str, tuple[float, float], float | None, float]] = []
+    for name, sigmas in (("paper's sigmas", SIGMAS_PAPER), ("sigmas of the bound", SIGMAS_BOUND)):
+        cases += [
+            (f"{name}: guess 200 km off, no grid", sigmas, 200e3, 1.0),
+            (f"{name}: guess 500 km off, no grid", sigmas, 500e3, 0.95),
+            (f"{name}: no guess, grid over 6000 km", sigmas, None, 1.0),
+        ]
+    shares = [float(np.mean(lab.map(converged, setup, sigmas, off))) for _, sigmas, off, _ in cases]
+    with lab.figure(7.2, 3.2) as figure:
+        axes = figure.subplots()
+        axes.barh([name for name, *_ in cases], shares, color=[BLUE, BLUE, GREEN] * 2, height=0.6)
+        for row, share in enumerate(shares):
+            axes.text(share - 0.002, row, f"{share:.1%}", va="center", ha="right", fontsize=8, color="white")
+        axes.invert_yaxis()
+        axes.set_xlim(0.9, 1.0)
+        style(axes, f"Share of {2 * RUNS} starts that end at the truth", "share", "")
+    lab.save(share=shares)
+    for (name, _, _, least), share in zip(cases, shares, strict=True):
+        yield Claim(f"{name}: share of {2 * RUNS} starts that converge, drawn", share, at_least(least))
