@@ -67,15 +67,16 @@ struct PairWorld {
   /// Both rows of a target, in seconds and hertz.
   [[nodiscard]] Eigen::Vector2d measured(std::size_t beacon, double t_s, const navigation::PairVector& x) const {
     navigation::PairGeometry g;
-    if (!navigation::pair_geometry(beacons[beacon], t_s, {x.head<3>(), x.segment<3>(3)}, {anchor_p_e, {}}, x[6], x[7],
-                                   0.0, 0.0, g)) {
+    if (!navigation::pair_geometry(beacons[beacon], t_s, {x.head<3>(), x.segment<3>(3)},
+                                   {anchor_p_e, Eigen::Vector3d::Zero()}, x[6], x[7], 0.0, 0.0, g)) {
       return Eigen::Vector2d::Constant(std::nan(""));
     }
     return {g.value[0] / kSpeedOfLightMps, -g.value[1] * carrier_hz / kSpeedOfLightMps};
   }
   [[nodiscard]] navigation::PairObservation observed(std::size_t beacon, double t_s, const Eigen::Vector2d& z) const {
     navigation::PairObservation out;
-    const navigation::PairMeasurement m{t_s, static_cast<int>(beacon), z[0], z[1], R, carrier_hz, anchor_p_e, {}};
+    const navigation::PairMeasurement m{t_s,        static_cast<int>(beacon), z[0], z[1], R, carrier_hz,
+                                        anchor_p_e, Eigen::Vector3d::Zero()};
     if (!navigation::pair_observation(m, out)) out.z.setConstant(std::nan(""));
     return out;
   }
