@@ -15,6 +15,18 @@ from soopnav_cpp._cooperative import (
     expected_pair,
     start_pair,
 )
+from soopnav_cpp._cooperative_motion import (
+    CooperativeGroup,
+    GroupRun,
+    GroupStatus,
+    InertialPairRun,
+    InertialTracker,
+    InertialUnit,
+    ManoeuvringTracker,
+    TwoMotions,
+    pair_noise_shares,
+    shared_anchor_correlation,
+)
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
 from soopnav_cpp._doppler_fix import DopplerFix, DopplerStatus, DopplerUse, doppler_fix
@@ -51,12 +63,15 @@ from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownSt
 
 __all__ = [
     "BearingUse",
+    "CooperativeGroup",
     "CooperativeRun",
     "CooperativeTracker",
     "DopplerFix",
     "DopplerStatus",
     "DopplerUse",
     "FixStatus",
+    "GroupRun",
+    "GroupStatus",
     "HandsetEstimate",
     "HandsetLocator",
     "HandsetReport",
@@ -64,7 +79,11 @@ __all__ = [
     "HandsetStatus",
     "HandsetUse",
     "ImuCounts",
+    "InertialPairRun",
+    "InertialTracker",
+    "InertialUnit",
     "LinkReport",
+    "ManoeuvringTracker",
     "NodeMap",
     "NodeMapStatus",
     "NodeStart",
@@ -91,13 +110,16 @@ __all__ = [
     "StrapdownRun",
     "StrapdownStart",
     "TrackState",
+    "TwoMotions",
     "cep",
     "doppler_fix",
     "expected_pair",
     "likelihood_surface",
     "locate_nodes",
     "locate_source",
+    "pair_noise_shares",
     "position_fix",
+    "shared_anchor_correlation",
     "source_crlb",
     "start_node",
     "start_pair",
