@@ -19,7 +19,9 @@ pytest.importorskip("msgpack")
 
 KEY = b"0123456789abcdef"
 INFO = Info(1_409_097_600, 0.0, 60.0, 0.0, 250e3, 1626e6)
-FAST = SessionOptions(wait_s=5.0, retry_s=0.03, heartbeat_s=0.05, silence_s=0.4, first_backoff_s=0.02, most_backoff_s=0.1)
+FAST = SessionOptions(
+    wait_s=5.0, retry_s=0.03, heartbeat_s=0.05, silence_s=0.4, first_backoff_s=0.02, most_backoff_s=0.1
+)
 
 
 class Chatter:
@@ -304,7 +306,8 @@ def test_addresses_in_use_are_errors(tmp_path: Path) -> None:
     asyncio.run(run(Address(path=tmp_path / "socket")))
     (tmp_path / "file").write_text("precious")
     with pytest.raises(FileExistsError):
-        asyncio.run(run(Address(path=tmp_path / "file")))
+        session = Session(Chatter("anchor", 0), KEY, Address(path=tmp_path / "file"), listen=True, options=FAST)
+        asyncio.run(session.run())
     assert (tmp_path / "file").read_text() == "precious"
 
 

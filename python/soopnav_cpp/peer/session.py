@@ -193,6 +193,7 @@ class Session:
         self._link: Link | None = None  # the open one
         self._alone_since = clock()
         self._greeting = 0
+        self._accepted_tasks: set[asyncio.Task[Any]] = set()
         self._wakes: dict[int, asyncio.Event] = {}  # of connections, by their link
         self._over = asyncio.Event()
         self._refusal = ""
@@ -220,16 +221,20 @@ class Session:
                 if task.done() and not task.cancelled() and (error := task.exception()) is not None:
                     raise error
         finally:
-            for task in (waiter, *tasks):
-                task.cancel()
-            await asyncio.gather(waiter, *tasks, return_exceptions=True)
-            if self._link is not None:
-                self._link.close()
             if server is not None:
                 server.close()
                 if self._address.path is not None:
                     self._address.path.unlink(missing_ok=True)
-            await asyncio.sleep(0)
+            if self._link is not None:
+                self._link.close()
+            for task in (waiter, *tasks):
+                task.cancel()
+            await asyncio.gather(waiter, *tasks, return_exceptions=True)
+            if self._accepted_tasks:  # what was said last is still to be written
+                await asyncio.wait(list(self._accepted_tasks), timeout=1.0)
+                for task in list(self._accepted_tasks):
+                    task.cancel()
+                await asyncio.gather(*self._accepted_tasks, return_exceptions=True)
         self.state = "done"
         if self._refusal:
             raise PeerRefusedError(self._refusal)
@@ -256,10 +261,17 @@ class Session:
             self.traffic.refused["too many connections"] += 1
             writer.close()
             return
-        with contextlib.suppress(asyncio.CancelledError):
+        task = asyncio.current_task()
+        assert task is not None
+        self._accepted_tasks.add(task)
+        try:
             link = await self._talk(reader, writer)
             if link.refusal:
                 self.traffic.refused[link.refusal] += 1
+        except asyncio.CancelledError:
+            pass
+        finally:
+            self._accepted_tasks.discard(task)
 
     async def _connect(self) -> None:
         backoff_s = self._options.first_backoff_s
@@ -344,6 +356,8 @@ class Session:
             link.close()
             self._end(link)
             writer.close()
+            with contextlib.suppress(OSError, asyncio.CancelledError, asyncio.TimeoutError):
+                await asyncio.wait_for(writer.wait_closed(), 1.0)
         return link
 
     async def _write(self, link: Link, writer: asyncio.StreamWriter) -> None:
@@ -376,6 +390,8 @@ class Session:
             self._role.detach()
             self._alone_since = self._clock()
             self.state = "waiting"
+            if self._closing:  # good-bye was said; the answer may have been lost
+                self._over.set()
             if link.bye is None and not self._over.is_set():
                 self.traffic.lost += 1
 
