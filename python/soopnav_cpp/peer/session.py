@@ -314,7 +314,7 @@ class Session:
         wake = asyncio.Event()
         self._wakes[id(link)] = wake
         read = asyncio.create_task(reader.read(_READ_BYTES))
-        woken: asyncio.Task[Any] = asyncio.create_task(wake.wait())
+        woken = asyncio.create_task(_wait(wake))
         try:
             while not link.closed:
                 link.tick(self._clock())
@@ -326,7 +326,7 @@ class Session:
                 )
                 if woken.done():
                     wake.clear()
-                    woken = asyncio.create_task(wake.wait())
+                    woken = asyncio.create_task(_wait(wake))
                 if not read.done():
                     continue
                 data = read.result()
@@ -445,6 +445,10 @@ class Session:
             if link is not None and link is self._link:
                 self._say(link, said)
             await asyncio.sleep(0)
+
+
+async def _wait(event: asyncio.Event) -> None:
+    await event.wait()
 
 
 def _remove_dead(path: Path) -> None:

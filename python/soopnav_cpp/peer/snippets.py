@@ -79,7 +79,7 @@ def snippet_bytes(count: int, bits: int) -> int:
     return _MESSAGE_BYTES + (8 * count if bits == 0 else (2 * bits * count + 7) // 8)
 
 
-def quantise(iq: npt.NDArray[np.complex64], bits: int) -> tuple[float, bytes]:
+def quantise(iq: npt.NDArray[np.complex64], bits: int, *, burst: slice | None = None) -> tuple[float, bytes]:
     """Quantise a snippet.
 
     Parameters
@@ -88,11 +88,13 @@ def quantise(iq: npt.NDArray[np.complex64], bits: int) -> tuple[float, bytes]:
         n >= 1, finite.
     bits : int
         Of each component, 1 ... 4; 0 keeps the samples as they are.
+    burst : slice, optional
+        Where the burst is: the quantiser is scaled for it, not for the noise around it.
 
     Returns
     -------
     scale : float
-        Root mean square of a component.
+        Root mean square of a component, in the burst.
     data : bytes
         Components in turn, I first; each `bits` bits, most significant first, without gaps; little-endian complex64
         for `bits` = 0.
@@ -107,7 +109,10 @@ def quantise(iq: npt.NDArray[np.complex64], bits: int) -> tuple[float, bytes]:
     parts = np.ascontiguousarray(iq, dtype=np.complex64).view(np.float32)
     if not np.isfinite(parts).all():
         raise ValueError("iq has samples that are not finite")
-    scale = float(np.sqrt(np.mean(np.square(parts, dtype=np.float64))))
+    inner = parts if burst is None else np.ascontiguousarray(iq[burst]).view(np.float32)
+    if inner.size == 0:
+        raise ValueError(f"burst = {burst}: samples of the snippet expected")
+    scale = float(np.float32(np.sqrt(np.mean(np.square(inner, dtype=np.float64)))))
     if bits == 0:
         return scale, parts.astype("<f4").tobytes()
     step = _known(bits, STEPS) * (scale if scale > 0.0 else 1.0)

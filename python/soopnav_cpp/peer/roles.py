@@ -1,0 +1,513 @@
+"""Anchor and target as state machines: messages and samples in, messages and a track out. No sockets here.
+
+The order in which the target takes bursts is that of their starts at the anchor, one after the other, and nothing that
+it decides depends on how fast messages or samples come. So two processes end with what one process ends with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp import dsp
+from soopnav_cpp.geometry import SampledOrbit
+from soopnav_cpp.peer.beacons import Beacons, Candidate
+from soopnav_cpp.peer.messages import (
+    MOST_ANNOUNCED,
+    Announce,
+    Decline,
+    Detection,
+    Heartbeat,
+    Info,
+    Message,
+    Propose,
+    Snippet,
+)
+from soopnav_cpp.peer.scan import Heard, Scanner, cut_snippet, decimation
+from soopnav_cpp.peer.snippets import TokenBucket, choose_bits, dequantise, quantise, snippet_bytes
+from soopnav_cpp.peer.sources import FAR_FUTURE_S, Source, iso
+from soopnav_cpp.peer.track import Measured, Track
+
+__all__ = ["Anchor", "ExchangeOptions", "Target"]
+
+_KEPT_BURSTS = 4096
+_KEPT_LIVE_S = 15.0
+_ROUND = 250  # samples: snippets come in few lengths
+_MATCH_S = 1.5e-3  # by which two detectors may differ
+_LEAST_SIGMA_HZ = 5.0
+
+
+@dataclass(frozen=True)
+class ExchangeOptions:
+    """What both ends are told.
+
+    Attributes
+    ----------
+    snippet_rate_hz : float
+    guard_s : float
+        Of a snippet, before and after its burst.
+    clock_s : float
+        The two clocks differ by no more.
+    skew : float
+        Largest of either clock.
+    lead_s : float
+        Of a recording, by which one end may be ahead of the other.
+    answer_s : float
+        By a stopwatch: a proposal without an answer is given up.
+    """
+
+    snippet_rate_hz: float = 50e3
+    guard_s: float = 1.5e-3
+    clock_s: float = 5e-3
+    skew: float = 2e-6
+    lead_s: float = 60.0
+    answer_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} = {value:g}: a finite number above zero expected")
+
+
+class _End:
+    """What the two have in common."""
+
+    role = ""
+
+    def __init__(self, source: Source, beacons: Beacons, options: ExchangeOptions) -> None:
+        decimation(source, options.snippet_rate_hz)
+        self.counts: Counter[str] = Counter()
+        self.snippet_rate_hz = options.snippet_rate_hz
+        self.source, self.beacons, self.options = source, beacons, options
+        self.peer: Info | None = None
+        self._scanner = Scanner(source, self.counts)
+        self._to_orbits_s = source.reference_unix_s - beacons.reference_unix_s
+        self._peer_heard_s = -math.inf  # by one's own reference
+
+    def _info(self, resume_s: float) -> Info:
+        s = self.source
+        return Info(
+            s.reference_unix_s, s.start_s, s.end_s, resume_s, s.sample_rate_hz, s.center_frequency_hz
+        )  # fmt: skip
+
+    def attach(self, peer: Info) -> str:
+        """A session begins; not empty: why there can be none."""
+        shift = peer.reference_unix_s - self.source.reference_unix_s
+        start, end = peer.start_s + shift, peer.end_s + shift
+        if start >= self.source.end_s or end <= self.source.start_s:
+            mine = (self.source.reference_unix_s, self.source.start_s, self.source.end_s)
+            theirs = (peer.reference_unix_s, peer.start_s, peer.end_s)
+            anchor, target = (mine, theirs) if self.role == "anchor" else (theirs, mine)
+            return (
+                f"the recordings do not overlap: the anchor's is {iso(*anchor[:2])} to {iso(anchor[0], anchor[2])}, "
+                f"the target's {iso(*target[:2])} to {iso(target[0], target[2])}"
+            )
+        self.peer = peer
+        self._shift_s = float(shift)
+        self._peer_heard_s = start
+        return ""
+
+    def detach(self) -> None:
+        """The session is over."""
+        self.peer = None
+
+    @property
+    def heard_to_s(self) -> float:
+        """How far the source has been scanned, since its reference."""
+        return min(self._scanner.heard_to_s, self.source.end_s)
+
+    def _may_scan(self) -> bool:
+        if self.source.live:
+            return True
+        return self.peer is not None and self._scanner.heard_to_s <= self._peer_heard_s + self.options.lead_s
+
+    def _take_heartbeat(self, message: Heartbeat) -> None:
+        self._peer_heard_s = FAR_FUTURE_S if message.done else message.heard_to_s + self._shift_s
+
+    def _candidates(self, heard: Heard, p_e: npt.NDArray[np.float64], within_m: float) -> list[Candidate]:
+        return self.beacons.candidates(
+            heard.start_s + 0.5 * heard.duration_s + self._to_orbits_s,
+            heard.frequency_hz,
+            p_e,
+            skew=self.options.skew,
+            sigma_hz=max(heard.sigma_hz, _LEAST_SIGMA_HZ),
+            within_m=within_m,
+        )
+
+
+class Anchor(_End):
+    """Scans, announces the bursts whose beacons it can tell, and hands over those that are asked for.
+
+    Parameters
+    ----------
+    source : Source
+    beacons : Beacons
+    antenna : geometry.SampledOrbit
+        Where it is, by the beacons' reference.
+    bandwidth_bps : float
+        Of the snippets; infinity: no limit.
+    bits : int, optional
+        Of each component, for all snippets; 0: as they are. Left out: by SNR and bandwidth.
+    options : ExchangeOptions
+    """
+
+    role = "anchor"
+
+    def __init__(
+        self,
+        source: Source,
+        beacons: Beacons,
+        antenna: SampledOrbit,
+        *,
+        bandwidth_bps: float = math.inf,
+        bits: int | None = None,
+        options: ExchangeOptions | None = None,
+    ) -> None:
+        super().__init__(source, beacons, options or ExchangeOptions())
+        if bits is not None and bits not in range(5):
+            raise ValueError(f"bits = {bits}: 0 ... 4 expected")
+        self._antenna, self._bits = antenna, bits
+        self._bucket = TokenBucket(bandwidth_bps)
+        self._next = 0
+        self._kept: dict[int, tuple[Heard, str]] = {}
+        self._unsaid: deque[Detection] = deque(maxlen=_KEPT_BURSTS)
+
+    def info(self) -> Info:
+        """For the next session."""
+        return self._info(self.source.start_s)
+
+    def attach(self, peer: Info) -> str:
+        """As `_End`; a recording is read again from where the target needs it."""
+        refusal = super().attach(peer)
+        if not refusal and not self.source.live:
+            self._unsaid.clear()
+            self._scanner.seek(peer.resume_s + self._shift_s)
+        return refusal
+
+    def heartbeat(self) -> Heartbeat:
+        """That it lives, and how far it has come."""
+        return Heartbeat(self.heard_to_s, self._scanner.done and not self._unsaid, 0)
+
+    @property
+    def finished(self) -> bool:
+        """Never by itself: the target says when."""
+        return False
+
+    def step(self, now: float) -> list[Message] | None:
+        """Scan a block; announce what was found."""
+        del now
+        was_done = self._scanner.done
+        heard = self._scanner.step() if self._may_scan() else None
+        for burst in heard or ():
+            self._place(burst)
+        said: list[Message] = []
+        if self.peer is not None:
+            while self._unsaid:
+                bursts = tuple(self._unsaid.popleft() for _ in range(min(len(self._unsaid), MOST_ANNOUNCED)))
+                said.append(Announce(bursts))
+        elif self.source.live:
+            while self._unsaid and self._unsaid[0].start_s < self.heard_to_s - _KEPT_LIVE_S:
+                self._unsaid.popleft()
+                self.counts["nobody there"] += 1
+        if self._scanner.done and not was_done:
+            said.append(self.heartbeat())
+        return said if heard is not None or said else None
+
+    def _place(self, heard: Heard) -> None:
+        at = self._state(heard.start_s)
+        if at is None:
+            self.counts["own position unknown"] += 1
+            return
+        candidates = self._candidates(heard, at[0], 0.0)
+        if len(candidates) != 1:
+            self.counts["no beacon" if not candidates else "beacon ambiguous"] += 1
+            return
+        number, self._next = self._next, self._next + 1
+        name = candidates[0].name
+        self._kept[number] = (heard, name)
+        while len(self._kept) > _KEPT_BURSTS:
+            del self._kept[next(iter(self._kept))]
+        self.counts["announced"] += 1
+        self._unsaid.append(
+            Detection(
+                number, heard.start_s, heard.duration_s, heard.frequency_hz, heard.bandwidth_hz, heard.snr_db, name
+            )
+        )
+
+    def _state(self, t_s: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]] | None:
+        position, velocity = self._antenna.at(t_s + self._to_orbits_s)
+        p, v = np.asarray(position, np.float64).reshape(3), np.asarray(velocity, np.float64).reshape(3)
+        return (p, v) if np.isfinite(p).all() and np.isfinite(v).all() else None
+
+    def handle(self, message: Message, now: float) -> list[Message]:
+        """Answer a proposal."""
+        del now
+        if isinstance(message, Heartbeat):
+            self._take_heartbeat(message)
+        elif isinstance(message, Propose):
+            self.counts["proposed"] += 1
+            answer = self._answer(message)
+            if isinstance(answer, Decline):
+                self.counts[f"declined: {answer.reason}"] += 1
+            else:
+                self.counts["exchanged"] += 1
+            return [answer]
+        else:
+            self.counts["unexpected message"] += 1
+        return []
+
+    def _answer(self, asked: Propose) -> Snippet | Decline:
+        if asked.id not in self._kept:
+            return Decline(asked.id, "not kept")
+        heard, name = self._kept[asked.id]
+        if name != asked.beacon:
+            return Decline(asked.id, "another beacon")
+        rate, guard_s = self.snippet_rate_hz, self.options.guard_s
+        count = _ROUND * math.ceil((heard.duration_s + 2.0 * guard_s) * rate / _ROUND)
+        mix_hz = float(round(heard.frequency_hz))
+        cut = cut_snippet(self.source, heard.start_s - guard_s, count, mix_hz, rate)
+        state = self._state(heard.start_s)
+        if cut is None or state is None:
+            return Decline(asked.id, "not recorded")
+        start_s, iq = cut
+        self._bucket.advance(heard.start_s)
+        bits = choose_bits(heard.snr_db, count, self._bucket) if self._bits is None else self._bits
+        if bits is None or not self._bucket.has(snippet_bytes(count, bits)):
+            return Decline(asked.id, "bandwidth")
+        inner = slice(round(guard_s * rate), max(round((guard_s + heard.duration_s) * rate), round(guard_s * rate) + 1))
+        scale, data = quantise(iq, bits, burst=inner)
+        if not scale > 0.0:
+            return Decline(asked.id, "no power")
+        self._bucket.pay(snippet_bytes(count, bits))
+        self.counts[f"bits: {bits}" if bits else "bits: all"] += 1
+        p, v = (tuple(map(float, part)) for part in state)
+        return Snippet(asked.id, name, start_s, mix_hz, count, bits, scale, data, heard.snr_db, p, v)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Asked:
+    heard: Heard
+    theirs: Detection  # times by one's own reference
+    beacon: Candidate
+    said_at: float
+
+
+class Target(_End):
+    """Scans, asks for the bursts that both heard, measures them against its own, and tracks.
+
+    Parameters
+    ----------
+    source : Source
+    beacons : Beacons
+    track : Track
+    options : ExchangeOptions
+    """
+
+    role = "target"
+
+    def __init__(
+        self, source: Source, beacons: Beacons, track: Track, *, options: ExchangeOptions | None = None
+    ) -> None:
+        super().__init__(source, beacons, options or ExchangeOptions())
+        self.track = track
+        self._mine: deque[Heard] = deque()
+        self._queue: deque[Detection] = deque()
+        self._asked: dict[int, _Asked] = {}
+        self._settled: deque[tuple[float, float]] = deque(maxlen=256)  # start, frequency at the anchor
+        self._settled_to_s = self.source.start_s
+        self._not_before_s = -math.inf  # middles of bursts
+        if math.isfinite(track.resume_unix_s):
+            self._not_before_s = track.resume_unix_s - source.reference_unix_s + 1e-3
+            self._settled_to_s = max(self._settled_to_s, self._not_before_s)
+            self._scanner.seek(self._settled_to_s - self.options.clock_s - 0.2)
+
+    def info(self) -> Info:
+        """For the next session: nothing is needed that is settled."""
+        return self._info(max(self._settled_to_s - self.options.clock_s - 0.2, self.source.start_s - 1.0))
+
+    def attach(self, peer: Info) -> str:
+        """As `_End`; what had been asked for will be announced again, by a recording."""
+        refusal = super().attach(peer)
+        if not refusal:
+            self._drop()
+        return refusal
+
+    def detach(self) -> None:
+        """The session is over; the track stays."""
+        super().detach()
+        self._drop()
+
+    def _drop(self) -> None:
+        self.counts["asked in vain"] += len(self._asked)
+        self._asked.clear()
+        self._queue.clear()
+
+    def heartbeat(self) -> Heartbeat:
+        """That it lives, and how far it has come."""
+        return Heartbeat(self.heard_to_s, self._scanner.done, len(self._asked))
+
+    @property
+    def finished(self) -> bool:
+        """Both have come to their ends, and every proposal to its own."""
+        quiet = self._scanner.done and not self._queue and not self._asked
+        return quiet and self.peer is not None and self._peer_heard_s >= FAR_FUTURE_S
+
+    def step(self, now: float) -> list[Message] | None:
+        """Scan a block; ask for what was announced and heard."""
+        was_done = self._scanner.done
+        heard = self._scanner.step() if self._may_scan() else None
+        if heard:
+            self._mine.extend(heard)
+        for number in [n for n, a in self._asked.items() if now - a.said_at > self.options.answer_s]:
+            self._settle(self._asked.pop(number).theirs)
+            self.counts["no answer"] += 1
+        said = self._ask(now)
+        if self._scanner.done and not was_done:
+            said.append(self.heartbeat())
+        return said if heard is not None or said else None
+
+    def handle(self, message: Message, now: float) -> list[Message]:
+        """Take what the anchor says."""
+        if isinstance(message, Heartbeat):
+            self._take_heartbeat(message)
+        elif isinstance(message, Announce):
+            self.counts["announced"] += len(message.bursts)
+            if len(self._queue) + len(message.bursts) > _KEPT_BURSTS:
+                self.counts["too many announced"] += len(message.bursts)
+            else:
+                self._queue.extend(message.bursts)
+            return self._ask(now)
+        elif isinstance(message, Decline):
+            asked = self._asked.pop(message.id, None)
+            if asked is None:
+                self.counts["answer to nothing"] += 1
+            else:
+                self.counts[f"declined: {message.reason}"] += 1
+                self._settle(asked.theirs)
+        elif isinstance(message, Snippet):
+            asked = self._asked.pop(message.id, None)
+            if asked is None or message.beacon != asked.beacon.name:
+                self.counts["answer to nothing"] += 1
+            else:
+                self.counts["exchanged"] += 1
+                self._measure(message, asked)
+                self._settle(asked.theirs)
+        else:
+            self.counts["unexpected message"] += 1
+        return []
+
+    def _settle(self, burst: Detection) -> None:
+        self._settled.append((burst.start_s, burst.frequency_hz))
+        self._settled_to_s = max(self._settled_to_s, burst.start_s)
+        while self._mine and self._mine[0].start_s < self._settled_to_s - 1.0:
+            self._mine.popleft()
+
+    def _ask(self, now: float) -> list[Message]:
+        said: list[Message] = []
+        reach_s = self.options.clock_s + _MATCH_S
+        while self._queue and self.peer is not None:
+            theirs = self._queue[0]
+            start_s = theirs.start_s + self._shift_s
+            if start_s + reach_s >= self._scanner.heard_to_s:
+                break
+            self._queue.popleft()
+            theirs = _moved(theirs, self._shift_s)
+            reason, heard, beacon = self._agree(theirs, reach_s)
+            if heard is None or beacon is None:
+                self.counts[reason] += 1
+                self._settle_quietly(theirs)
+                continue
+            self.counts["proposed"] += 1
+            self._asked[theirs.id] = _Asked(heard, theirs, beacon, now)
+            said.append(Propose(theirs.id, beacon.name))
+        return said
+
+    def _settle_quietly(self, theirs: Detection) -> None:
+        if not self._asked:
+            self._settled_to_s = max(self._settled_to_s, theirs.start_s)
+
+    def _agree(self, theirs: Detection, reach_s: float) -> tuple[str, Heard | None, Candidate | None]:
+        if theirs.start_s + 0.5 * theirs.duration_s <= self._not_before_s:
+            return "known already", None, None
+        if any(abs(t - theirs.start_s) < 5e-3 and abs(f - theirs.frequency_hz) < 2e3 for t, f in self._settled):
+            return "known already", None, None
+        if theirs.start_s < self._settled_to_s - 1.0:
+            return "too late", None, None
+        reach_hz = 4.0 * self.options.skew * theirs.frequency_hz + 2e3
+        near = [
+            heard
+            for heard in self._mine
+            if abs(heard.start_s - theirs.start_s) <= reach_s
+            and abs(heard.frequency_hz - theirs.frequency_hz) <= reach_hz
+        ]
+        if not near:
+            return "not heard here", None, None
+        heard = min(
+            near, key=lambda h: abs(h.start_s - theirs.start_s) + 1e-6 * abs(h.frequency_hz - theirs.frequency_hz)
+        )
+        if self.beacons.index(theirs.beacon) is None:
+            return "beacon unknown here", None, None
+        for candidate in self._candidates(heard, self.track.guess_e_m, self.track.within_m):
+            if candidate.name == theirs.beacon:
+                return "", heard, candidate
+        return "beacon disagrees", None, None
+
+    def _measure(self, snippet: Snippet, asked: _Asked) -> None:
+        rate, heard = self.snippet_rate_hz, asked.heard
+        cut = cut_snippet(self.source, heard.start_s - self.options.guard_s, snippet.count, snippet.mix_hz, rate)
+        if cut is None:
+            self.counts["not recorded here"] += 1
+            return
+        try:
+            theirs = dequantise(snippet.data, snippet.count, snippet.bits, snippet.scale)
+        except ValueError:
+            self.counts["snippet unreadable"] += 1
+            return
+        start_s, mine = cut
+        satellite = self.beacons.orbits[asked.beacon.index].is_fixed is False
+        peak = dsp.cross_ambiguity(
+            mine,
+            theirs,
+            rate,
+            max_delay_s=0.8 * self.options.guard_s,
+            max_doppler_hz=1e3 * math.ceil((4.0 * self.options.skew * snippet.mix_hz + 2e3) / 1e3),
+            symbol_rate_hz=25e3 if satellite else 0.0,
+            carrier_hz=asked.beacon.carrier_hz,
+        )
+        if not peak.detected:
+            self.counts[f"not measured: {peak.status.text}"] += 1
+            return
+        self.counts["measured"] += 1
+        at_anchor_s = snippet.start_s + self._shift_s
+        use = self.track.add(
+            Measured(
+                t_s=at_anchor_s + self._to_orbits_s + peak.epoch_s,
+                beacon=asked.beacon.index,
+                tdoa_s=(start_s - at_anchor_s) + peak.tdoa_s,
+                fdoa_hz=peak.fdoa_hz,
+                covariance=peak.covariance,
+                carrier_hz=asked.beacon.carrier_hz,
+                anchor_position_e_m=np.array(snippet.position_e_m),
+                anchor_velocity_e_mps=np.array(snippet.velocity_e_mps),
+                bits=snippet.bits,
+                snr_db=peak.snr_b_db,
+            )
+        )
+        self.counts[use] += 1
+
+
+def _moved(burst: Detection, shift_s: float) -> Detection:
+    return Detection(
+        burst.id,
+        burst.start_s + shift_s,
+        burst.duration_s,
+        burst.frequency_hz,
+        burst.bandwidth_hz,
+        burst.snr_db,
+        burst.beacon,
+    )

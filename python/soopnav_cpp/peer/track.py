@@ -1,0 +1,217 @@
+"""Step four: the target's track, from where it may be to where it is; kept in a file over a restart."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soopnav_cpp.navigation import CooperativeRun, CooperativeTracker, PairBursts, PairStartStatus
+from soopnav_cpp.peer.beacons import Beacons
+
+__all__ = ["Measured", "Track"]
+
+_Array = npt.NDArray[np.float64]
+_LIGHT_MPS = 299_792_458.0
+_FORMAT = "soopnav peer state 1"
+_EKF_WITHIN_M = 10e3  # further off a batch starts the track
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A burst that both heard; fields as `navigation.PairBursts`, and how it was exchanged."""
+
+    t_s: float
+    beacon: int
+    tdoa_s: float
+    fdoa_hz: float
+    covariance: _Array
+    carrier_hz: float
+    anchor_position_e_m: _Array
+    anchor_velocity_e_mps: _Array
+    bits: int
+    snr_db: float
+
+
+def _bursts(rows: list[Measured]) -> PairBursts:
+    return PairBursts(
+        t_s=np.array([m.t_s for m in rows]),
+        beacon=np.array([m.beacon for m in rows], np.int64),
+        tdoa_s=np.array([m.tdoa_s for m in rows]),
+        fdoa_hz=np.array([m.fdoa_hz for m in rows]),
+        covariance=np.array([m.covariance for m in rows]),
+        carrier_hz=np.array([m.carrier_hz for m in rows]),
+        anchor_position_e_m=np.array([m.anchor_position_e_m for m in rows]),
+        anchor_velocity_e_mps=np.array([m.anchor_velocity_e_mps for m in rows]),
+    )
+
+
+@dataclass
+class History:
+    """What came of each measurement, in their order."""
+
+    measured: list[Measured] = field(default_factory=list)
+    use: list[str] = field(default_factory=list)
+    mean: list[_Array] = field(default_factory=list)
+    covariance: list[_Array] = field(default_factory=list)
+    innovation: list[_Array] = field(default_factory=list)
+    innovation_sigma: list[_Array] = field(default_factory=list)
+
+
+class Track:
+    """Where the target is.
+
+    Parameters
+    ----------
+    beacons : Beacons
+    guess_e_m : ndarray, shape (3,)
+        Where it may be, ECEF.
+    within_m : float
+        Standard deviation of that, each axis. Up to 10 km the filter starts there; further off a batch of bursts
+        starts it.
+    clock_s, skew : float
+        Bounds of the difference of the two clocks: the start's standard deviations are half of them.
+    height_sigma_m : float
+        Of the guess's height above the ellipsoid; infinite: not known.
+    height_m : float
+    batch : int
+        Bursts of the batch.
+    state : path, optional
+        Where the track is kept; one that is there is gone on with.
+    **options
+        For `navigation.CooperativeTracker`: clocks, motion.
+
+    Attributes
+    ----------
+    tracker : navigation.CooperativeTracker
+    history : History
+    resume_unix_s : float
+        Of the state that was read; NaN without one.
+
+    Raises
+    ------
+    ValueError
+        For options out of range, and a state that cannot be read.
+    """
+
+    def __init__(
+        self,
+        beacons: Beacons,
+        guess_e_m: npt.ArrayLike,
+        *,
+        within_m: float = 5e3,
+        clock_s: float = 5e-3,
+        skew: float = 4e-6,
+        height_m: float = 0.0,
+        height_sigma_m: float = math.inf,
+        batch: int = 40,
+        state: str | os.PathLike[str] | None = None,
+        **options: Any,
+    ) -> None:
+        self.guess_e_m = np.asarray(guess_e_m, np.float64)
+        if self.guess_e_m.shape != (3,) or not np.isfinite(self.guess_e_m).all():
+            raise ValueError(f"guess_e_m = {self.guess_e_m}: three finite numbers expected")
+        if not (math.isfinite(within_m) and within_m > 0.0):
+            raise ValueError(f"within_m = {within_m:g}: a finite number above zero expected")
+        if batch < 10:
+            raise ValueError(f"batch = {batch}: at least 10 expected")
+        self.within_m = float(within_m)
+        self.history = History()
+        self.resume_unix_s = math.nan
+        self._beacons, self._batch = beacons, batch
+        self._clock_s, self._skew = clock_s, skew
+        self._waiting: list[Measured] = []
+        self._file = None if state is None else Path(state)
+        self.tracker = CooperativeTracker(
+            beacons.orbits,
+            height_m=height_m,
+            height_sigma_m=height_sigma_m,
+            beacon_epoch_s=beacons.epoch_s,
+            **options,
+        )
+        if self._file is not None and self._file.exists():
+            self._read()
+
+    def add(self, measured: Measured) -> str:
+        """Take a measurement; what became of it, in a word or two: ``used``, ``waiting``, ``refused: ...``."""
+        h = self.history
+        h.measured.append(measured)
+        use, run = self._take(measured)
+        h.use.append(use)
+        started = self.tracker.started
+        h.mean.append(self.tracker.mean.copy() if started else np.full(8, math.nan))
+        h.covariance.append(self.tracker.covariance.copy() if started else np.full((8, 8), math.nan))
+        has = run is not None
+        h.innovation.append(run.innovation[-1].copy() if has and run is not None else np.full(2, math.nan))
+        sigma = np.full(2, math.nan)
+        if run is not None:
+            sigma = np.sqrt(np.maximum(np.diag(run.innovation_covariance[-1]), 0.0))
+        h.innovation_sigma.append(sigma)
+        if use == "used" and self._file is not None:
+            self.write()
+        return use
+
+    def _take(self, measured: Measured) -> tuple[str, CooperativeRun | None]:
+        if not self.tracker.started:
+            if self.within_m > _EKF_WITHIN_M:
+                self._waiting.append(measured)
+                if len(self._waiting) < self._batch:
+                    return "waiting", None
+                found = self.tracker.start(
+                    _bursts(self._waiting),
+                    guess_e_m=self.guess_e_m,
+                    search_radius_m=4.0 * self.within_m,
+                    alpha_sigma_mps=_LIGHT_MPS * self._skew,
+                )
+                if found.status == PairStartStatus.OK and self.tracker.started:
+                    self._waiting.clear()
+                    return "used", None
+                self._batch += max(1, self._batch // 4)
+                return "waiting", None
+            mean = np.concatenate([self.guess_e_m, np.zeros(5)])
+            static = self.tracker.motion == "static"
+            sigma = [self.within_m] * 3 + [1e-3 if static else 30.0] * 3
+            sigma += [0.5 * _LIGHT_MPS * self._clock_s, 0.5 * _LIGHT_MPS * self._skew]
+            self.tracker.start_at(measured.t_s - 1e-3, mean, np.diag(np.square(sigma)))
+        run = self.tracker.update(_bursts([measured]))
+        if bool(run.accepted[-1]):
+            return "used", run
+        return f"refused: {run.use[-1].name.lower().replace('_', ' ')}", run
+
+    def write(self) -> None:
+        """Keep the track in its file: written beside it first, so that a file is always whole."""
+        if self._file is None or not self.tracker.started:
+            return
+        content = {
+            "format": _FORMAT,
+            "reference_unix_s": self._beacons.reference_unix_s,
+            "t_s": self.tracker.t_s,
+            "mean": self.tracker.mean.tolist(),
+            "covariance": self.tracker.covariance.tolist(),
+        }
+        beside = self._file.with_name(self._file.name + ".new")
+        beside.write_text(json.dumps(content), encoding="utf-8")
+        beside.replace(self._file)
+
+    def _read(self) -> None:
+        assert self._file is not None
+        try:
+            content = json.loads(self._file.read_text(encoding="utf-8"))
+            if content["format"] != _FORMAT:
+                raise ValueError(f"format {content['format']!r}")
+            t_unix = float(content["reference_unix_s"]) + float(content["t_s"])
+            mean = np.array(content["mean"], np.float64)
+            covariance = np.array(content["covariance"], np.float64)
+            if mean.shape != (8,) or covariance.shape != (8, 8) or not math.isfinite(t_unix):
+                raise ValueError("its shapes")
+            t_s = float(content["t_s"]) + (float(content["reference_unix_s"]) - self._beacons.reference_unix_s)
+            self.tracker.start_at(t_s, mean, covariance)
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise ValueError(f"{self._file}: not a state of a target that was kept: {error}") from error
+        self.resume_unix_s = t_unix
