@@ -13,6 +13,7 @@ from soopnav_cpp import __version__, io
 from soopnav_cpp.cli import calibrate as _calibrate
 from soopnav_cpp.cli import camera, finding
 from soopnav_cpp.cli import passes as _passes
+from soopnav_cpp.cli import peer as _peer
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -63,6 +64,7 @@ def cli() -> None:
       soopnav locate-emitter bearings.csv
       soopnav passes iridium.tle --at 60.2,25.0 --start 2014-08-27T06:00:00Z
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
+      soopnav peer --role anchor --source city.sigmf-meta --listen :7000 --orbits iridium.tle --at 60.2,25.0,20
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
@@ -258,6 +260,7 @@ def observe(scenario: Path, as_json: bool, out: Path | None) -> None:
 cli.add_command(finding.df)
 cli.add_command(finding.locate_emitter)
 cli.add_command(camera.egomotion)
+cli.add_command(_peer.peer)
 
 
 @cli.command(short_help="Run a scenario: trajectory, metrics, figures, report.")

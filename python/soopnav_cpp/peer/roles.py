@@ -39,6 +39,8 @@ _KEPT_LIVE_S = 15.0
 _ROUND = 250  # samples: snippets come in few lengths
 _MATCH_S = 1.5e-3  # by which two detectors may differ
 _LEAST_SIGMA_HZ = 5.0
+_SKEWS_AGREE = 1e-7
+_SKEW_WIDTH = 2e-7
 
 
 @dataclass(frozen=True)
@@ -129,15 +131,47 @@ class _End:
     def _take_heartbeat(self, message: Heartbeat) -> None:
         self._peer_heard_s = FAR_FUTURE_S if message.done else message.heard_to_s + self._shift_s
 
-    def _candidates(self, heard: Heard, p_e: npt.NDArray[np.float64], within_m: float) -> list[Candidate]:
+    def _candidates(
+        self, heard: Heard, p_e: npt.NDArray[np.float64], within_m: float, known: tuple[float, float] | None = None
+    ) -> list[Candidate]:
+        center, width = known or (0.0, self.options.skew)
         return self.beacons.candidates(
             heard.start_s + 0.5 * heard.duration_s + self._to_orbits_s,
             heard.frequency_hz,
             p_e,
-            skew=self.options.skew,
+            skew=width,
+            known_skew=center,
             sigma_hz=max(heard.sigma_hz, _LEAST_SIGMA_HZ),
             within_m=within_m,
         )
+
+
+class _OwnSkew:
+    """What the bursts that only one beacon can have sent say of the anchor's clock.
+
+    Once five in turn agree, the others are judged by it; when ten in turn fit no beacon, it is forgotten.
+    """
+
+    def __init__(self) -> None:
+        self._said: deque[float] = deque(maxlen=5)
+        self._strangers = 0
+
+    @property
+    def known(self) -> tuple[float, float] | None:
+        """Skew, and by how much it may be off."""
+        if len(self._said) < 5 or max(self._said) - min(self._said) > _SKEWS_AGREE:
+            return None
+        return sorted(self._said)[2], _SKEW_WIDTH
+
+    def take(self, heard: Heard, candidates: list[Candidate]) -> None:
+        """Learn from a burst."""
+        if len(candidates) == 1:
+            skew = (self.known or (0.0, 0.0))[0]
+            self._said.append(skew - candidates[0].residual_hz / heard.frequency_hz)
+        self._strangers = 0 if candidates else self._strangers + 1
+        if self._strangers >= 10:
+            self._said.clear()
+            self._strangers = 0
 
 
 class Anchor(_End):
@@ -174,6 +208,7 @@ class Anchor(_End):
         self._antenna, self._bits = antenna, bits
         self._bucket = TokenBucket(bandwidth_bps)
         self._next = 0
+        self._skew = _OwnSkew()
         self._kept: dict[int, tuple[Heard, str]] = {}
         self._unsaid: deque[Detection] = deque(maxlen=_KEPT_BURSTS)
 
@@ -223,7 +258,8 @@ class Anchor(_End):
         if at is None:
             self.counts["own position unknown"] += 1
             return
-        candidates = self._candidates(heard, at[0], 0.0)
+        candidates = self._candidates(heard, at[0], 0.0, self._skew.known)
+        self._skew.take(heard, candidates)
         if len(candidates) != 1:
             self.counts["no beacon" if not candidates else "beacon ambiguous"] += 1
             return

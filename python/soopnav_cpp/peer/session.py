@@ -211,10 +211,10 @@ class Session:
         """
         self._alone_since = self._clock()
         server = await self._serve() if self._listen else None
-        tasks = [asyncio.create_task(self._work())]
+        tasks: list[asyncio.Task[Any]] = [asyncio.create_task(self._work())]
         if server is None:
             tasks.append(asyncio.create_task(self._connect()))
-        waiter = asyncio.create_task(self._over.wait())
+        waiter: asyncio.Task[Any] = asyncio.create_task(self._over.wait())
         try:
             await asyncio.wait([waiter, *tasks], return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
@@ -232,8 +232,8 @@ class Session:
             await asyncio.gather(waiter, *tasks, return_exceptions=True)
             if self._accepted_tasks:  # what was said last is still to be written
                 await asyncio.wait(list(self._accepted_tasks), timeout=1.0)
-                for task in list(self._accepted_tasks):
-                    task.cancel()
+                for accepted in list(self._accepted_tasks):
+                    accepted.cancel()
                 await asyncio.gather(*self._accepted_tasks, return_exceptions=True)
         self.state = "done"
         if self._refusal:

@@ -169,7 +169,7 @@ class Track:
                     search_radius_m=4.0 * self.within_m,
                     alpha_sigma_mps=_LIGHT_MPS * self._skew,
                 )
-                if found.status == PairStartStatus.OK and self.tracker.started:
+                if found.status == PairStartStatus.OK:
                     self._waiting.clear()
                     return "used", None
                 self._batch += max(1, self._batch // 4)
