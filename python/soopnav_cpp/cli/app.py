@@ -207,6 +207,48 @@ def synth_lte(scenario: Path, out: Path) -> None:
     click.echo(f"{written}: {n_samples} samples")
 
 
+@synth.command("pair")
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("out_dir", type=click.Path(path_type=Path))
+@_sentences
+def synth_pair(scenario: Path, out_dir: Path) -> None:
+    """Make what two receivers record of the same satellites, each by its own clock.
+
+    Writes OUT_DIR/target.sigmf-meta and anchor.sigmf-meta, whose start times are what each clock showed,
+    satellites.csv (orbits that both know) and truth.json.
+
+    \b
+      [capture]
+      start = 2014-08-27T12:00:00Z         # UTC, by each receiver's clock
+      duration_s = 4.0
+      sample_rate_hz = 1e6
+      center_frequency_hz = 1626.1e6
+      format = "ci8"                       # cf32, ci16, ci8
+      [anchor]
+      latitude_deg = 60.2
+      longitude_deg = 25.0
+      [target]
+      latitude_deg = 60.27
+      longitude_deg = 25.11
+      velocity_mps = [0.0, 0.0, 0.0]       # east, north, up
+      clock = {bias_s = 4e-4, drift_ppm = 0.3, h0 = 8e-20, h_minus_2 = 4e-23}
+      [satellites]
+      tle = "iridium.tle"                  # without it, 66 are made up
+      snr_db = 20.0                        # overhead, in 25 kHz
+      ring_alerts_per_s = 2.0              # of each satellite
+      duplex_per_s = 3.0
+      [[tones]]
+      frequency_hz = 1626.02e6
+      heard_by = "target"                  # anchor, both
+    """
+    from soopnav_cpp.cli import synth_pair as work
+
+    with progress() as step:
+        files = work.synthesize_pair(scenario, out_dir, step=step)
+    for name, path in files.items():
+        click.echo(f"{name}: {path}")
+
+
 @cli.command(short_help="What measurements along a track can tell.")
 @click.argument("scenario", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
