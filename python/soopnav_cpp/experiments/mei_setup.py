@@ -387,14 +387,19 @@ def measured(world: World) -> Campaign:
     """Measurements by cross-ambiguity from the bursts' own samples.
 
     Both receivers open their windows when their own clock shows the same reading, up to half a millisecond early of
-    what the schedule says. The search knows that theta is within +-bias_s at time 0 and alpha within +-drift, that the
-    receivers are less than twice the separation apart, and the channel's 25 ksym/s; nothing of the truth.
+    what the schedule says at the anchor. Nothing of the truth is used. What the search knows: theta is within +-bias_s
+    at time 0, alpha within +-drift, the receivers less than twice the separation apart, the burst's length and its 25
+    ksym/s. It begins wide, and once three of five delays in a row agree follows their median with a narrower window
+    (from which it falls back after five bursts without one); every burst is measured with both snippets cut to its slot.
     """
     setup = world.setup
     rate = setup.sample_rate_hz
-    reach_s = setup.bias_s + setup.drift * setup.duration_s + 2.0 * setup.separation_m / LIGHT_MPS
+    far_s = 2.0 * setup.separation_m / LIGHT_MPS
+    reach_s = setup.bias_s + setup.drift * setup.duration_s + far_s
+    # Between bursts delays change by the geometry, which is another for each satellite, and by the skew.
+    near_s = 2.0 * far_s + 10.0 * setup.drift * setup.interval_s + 20e-6
     reach_hz = world.carrier_hz * (setup.drift + 2.0 * setup.separation_m / 780e3 * 7.6e3 / LIGHT_MPS)
-    guard_s = reach_s + 1e-3
+    guard_s = reach_s + near_s + 1e-3
     rng = np.random.default_rng([world.seed, 0x6D65_6903])
     opens = world.truth.anchor.reading_s - 0.5 * world.burst_s - guard_s - rng.uniform(0.0, 5e-4, len(world.start_s))
     opens = np.floor(opens * rate) / rate
@@ -411,25 +416,48 @@ def measured(world: World) -> Campaign:
         seed=world.seed,
         stream=0x6D65_6904,
     )
-    rows, values, covariances, snr, epochs = [], [], [], [], []
-    for i in range(len(snippets)):
-        peak = dsp.cross_ambiguity(
-            snippets.target[i],
-            snippets.anchor[i],
+    begin = math.floor(guard_s * rate)
+    slot = math.ceil((world.burst_s + 5e-4) * rate) + 1
+
+    def search(i: int, shift: int, within_s: float, extra: int) -> dsp.CrossAmbiguityResult:
+        """The burst in the slot and `extra` samples around it, the target's window moved by `shift` samples."""
+        low, high = begin - extra, begin + slot + extra
+        return dsp.cross_ambiguity(
+            snippets.target[i, low + shift : high + shift],
+            snippets.anchor[i, low:high],
             rate,
-            max_delay_s=reach_s,
+            max_delay_s=within_s,
             max_doppler_hz=reach_hz,
             symbol_rate_hz=25e3,
             rolloff=0.4,
             carrier_hz=world.carrier_hz,
         )
+
+    rows, values, covariances, snr, epochs = [], [], [], [], []
+    recent: list[float] = []
+    missed = 0
+    for i in range(len(snippets)):
+        centre = float(np.median(recent[-5:])) if len(recent) >= 5 else math.inf
+        following = missed < 5 and sum(abs(delay - centre) < near_s for delay in recent[-5:]) >= 3
+        if following:
+            shift = round(centre * rate)
+        else:
+            found = search(i, 0, reach_s, math.ceil(reach_s * rate))
+            if not found.detected:
+                continue
+            shift = round(found.tdoa_s * rate)
+        peak = search(i, shift, near_s, 0)
         if not peak.detected:
+            missed += 1
             continue
+        missed = 0
+        delay = peak.tdoa_s + shift / rate
+        recent.append(delay)
         rows.append(i)
-        values.append((peak.tdoa_s, peak.fdoa_hz))
+        values.append((delay, peak.fdoa_hz))
         covariances.append(peak.covariance)
         snr.append(peak.snr_db)
-        epochs.append(peak.epoch_s)
+        epochs.append(begin / rate + peak.epoch_s)
     row = np.array(rows, np.int64)
     value = np.array(values, np.float64).reshape(-1, 2)
     return Campaign(
