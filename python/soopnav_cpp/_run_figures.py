@@ -230,7 +230,9 @@ def _draw_track(axes: Axes, run: Any, right: Array | None, *, near: bool) -> Non
         colour = _COLOURS[(4 + index) % len(_COLOURS)]
         axes.plot(other[:, 0], other[:, 1], linestyle=_DASHED, color=colour, linewidth=1.0, label=name)
     if right is not None:
-        axes.plot(right[:, 0], right[:, 1], color=_INK, linewidth=1.0, label="truth")
+        stands = bool(np.ptp(right[:, :2], axis=0).max() < 1e-3 * max(1.0, np.ptp(position, axis=0).max()))
+        look: dict[str, Any] = {"marker": "+", "markersize": 16, "markeredgewidth": 2.0} if stands else {}
+        axes.plot(right[:, 0], right[:, 1], color=_INK, linewidth=1.0, label="truth", **look)
     axes.plot(position[:, 0], position[:, 1], color=_COLOURS[0], linewidth=1.4, label="estimate")
     axes.plot([position[0, 0]], [position[0, 1]], "o", color=_COLOURS[2], markersize=6, label="start", zorder=4)
     if not near:
@@ -244,6 +246,8 @@ def _draw_track(axes: Axes, run: Any, right: Array | None, *, near: bool) -> Non
     if not shapes:
         return
     typical = float(np.median([shape.semi_major_m for _, shape in shapes]))
+    if typical > _extent(position)[1]:  # wider than the track: the last says it all
+        shapes = shapes[-1:]
     scale = _magnification(_extent(position)[1], typical)
     label = "95 % ellipse" + (f", {scale:g} × enlarged" if scale > 1.0 else "")
     for k, shape in shapes:
@@ -294,6 +298,10 @@ def trajectory(run: Any, truth: Any = None, *, title: str = "", path: Path | Non
     centre, reach = _extent(np.vstack(tracks))
     for other in getattr(run, "baselines", {}).values():  # one that runs away does not shrink the rest
         tracks.append(np.clip(np.asarray(other)[:, :2], centre - 0.9 * reach, centre + 0.9 * reach))
+    last = _covariance(run, 2)[-1]
+    spread = 2.5 * np.sqrt(np.maximum(np.diagonal(last), 0.0))  # half a 95 % ellipse; inf where there is none to show
+    if 0.5 * reach < spread.max() < math.inf:
+        tracks.append(position[-1, :2] + np.array([-spread, spread]))
     near = np.vstack(tracks)
     everything = np.vstack([near, *(place[None] for place in sources.values())])
     both = bool(sources) and _extent(everything)[1] > 1.6 * _extent(near)[1]

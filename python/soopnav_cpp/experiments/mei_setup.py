@@ -390,7 +390,7 @@ def measured(world: World) -> Campaign:
     what the schedule says at the anchor. Nothing of the truth is used. What the search knows: theta is within +-bias_s
     at time 0, alpha within +-drift, the receivers less than twice the separation apart, the burst's length and its 25
     ksym/s. It begins wide, and once three of five delays in a row agree follows their median with a narrower window
-    (from which it falls back after five bursts without one); every burst is measured with both snippets cut to its slot.
+    (from which it falls back after five bursts without one). Each is measured with both snippets cut to its slot.
     """
     setup = world.setup
     rate = setup.sample_rate_hz

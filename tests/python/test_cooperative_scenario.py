@@ -1,0 +1,102 @@
+"""Scenarios of ``cooperative``: from bursts to the target's place, what is refused, the gallery."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from soopnav_cpp import scenarios
+from soopnav_cpp.cli.app import cli
+from soopnav_cpp.config import ConfigError
+from soopnav_cpp.scenarios.cooperative import EXAMPLE, Cooperative, CooperativeScenario
+
+ROOT = Path(__file__).parents[2]
+
+
+def short(**changes: Any) -> CooperativeScenario:
+    fields: dict[str, Any] = {"system": "cooperative", "duration_s": 150.0, "stage": "drawn", **changes}
+    return CooperativeScenario.model_validate(fields)
+
+
+def horizontal_m(run: Any) -> Any:
+    return np.linalg.norm((run.position_m - run.truth.position_m)[:, :2], axis=1)
+
+
+def test_a_static_target_is_found() -> None:
+    """Sigmas of the bound and an OCXO: metres, stated as such."""
+    scenario = short(bursts={"sigma_tdoa_s": 148e-9, "sigma_fdoa_hz": 45e-3})
+    run: Any = Cooperative().run(scenario, 1)
+    again: Any = Cooperative().run(scenario, 1)
+    assert np.array_equal(run.state, again.state)
+    stated = np.sqrt(np.trace(run.position_covariance_m2[:, :2, :2], axis1=1, axis2=2))
+    assert horizontal_m(run)[-1] < 5.0 * stated[-1] < 200.0
+    assert run.start_error_m < 2000.0
+    # 5 unknowns: a chi-square of 5 is below 26 but for 1e-4
+    assert run.nees[-1] < 26.0
+    assert run.dimension == 5
+    assert len(run.t_s) == len(run.campaign) - 90
+    assert np.linalg.norm(run.truth.position_m[0]) == pytest.approx(10e3, rel=1e-2)
+    assert set(Cooperative().figures(scenario, run)) == {"clock_and_position", "measurements"}
+    numbers = Cooperative().numbers(scenario, run)
+    assert numbers["measured"] == numbers["bursts"] == 150
+
+
+def test_a_driving_target_is_followed_by_velocity_states() -> None:
+    scenario = short(
+        pair={"motion": "drive"},
+        tracker={"motion": "nearly_constant_velocity"},
+        bursts={"sigma_tdoa_s": 148e-9, "sigma_fdoa_hz": 45e-3},
+    )
+    run: Any = Cooperative().run(scenario, 2)
+    assert run.dimension == 8
+    assert np.ptp(run.truth.position_m, axis=0).max() > 200.0
+    assert np.median(horizontal_m(run)[-30:]) < 1000.0
+
+
+def test_from_iq(tmp_path: Path) -> None:
+    """The whole chain by the command, shortened: 110 bursts, a start from 90."""
+    text = EXAMPLE.replace("duration_s = 300.0", "duration_s = 110.0").replace("= 240.0", "= 100.0")
+    (tmp_path / "pair.toml").write_text(text)
+    result = CliRunner().invoke(cli, ["run", str(tmp_path / "pair.toml"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    found = metrics["cooperative"]
+    assert found["measured"] >= 106
+    assert found["tdoa_rms_s"] == pytest.approx(2.7e-6, rel=0.35)
+    assert metrics["pooled"]["position"]["horizontal_rmse_m"] < 5.0 * metrics["pooled"]["stated_sigma_m"]["rms"]
+    assert (tmp_path / "out" / "measurements.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration_s": 60.0}, "60 bursts; more than tracker.start_bursts = 90"),
+        ({"bursts": {"snr_db": -30.0}}, "bursts.snr_db"),
+        ({"pair": {"motion": "flight"}}, "pair.motion"),
+        ({"stage": "real"}, "stage"),
+    ],
+)
+def test_refuses(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    lines = {"system": '"cooperative"', "duration_s": "150.0"}
+    tables = ""
+    for key, value in changes.items():
+        if isinstance(value, dict):
+            tables += f"[{key}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in value.items())
+        else:
+            lines[key] = json.dumps(value)
+    path = tmp_path / "pair.toml"
+    path.write_text("".join(f"{k} = {v}\n" for k, v in lines.items()) + tables)
+    with pytest.raises(ConfigError) as refused:
+        scenarios.load(path)
+    assert message in str(refused.value)
+
+
+def test_gallery_loads() -> None:
+    system, scenario = scenarios.load(ROOT / "examples" / "scenarios" / "mei_static.toml")
+    assert system.name == "cooperative"
+    assert scenario.runs == 20
