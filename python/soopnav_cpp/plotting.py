@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from soopnav_cpp import dsp, estimation, lte, simulation
 from soopnav_cpp._bearing_figures import bearings_over_time, polar_spectrum
+from soopnav_cpp._burst_figures import burst_spectrogram
 from soopnav_cpp._calibration_figures import calibration
 from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
 from soopnav_cpp._drawing import _figure as _figure
@@ -34,6 +35,7 @@ __all__ = [
     "FrameTracks",
     "bearings_map",
     "bearings_over_time",
+    "burst_spectrogram",
     "calibration",
     "consistency",
     "draw_tracks",

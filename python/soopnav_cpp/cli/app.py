@@ -57,6 +57,7 @@ def cli() -> None:
     \b
       soopnav scan city.sigmf-meta
       soopnav scan city.cu8 --rate 1.92e6 --plot city.png
+      soopnav scan sky.sigmf-meta --signal iridium
       soopnav locate city.sigmf-meta --nodes nodes.toml
       soopnav synth lte city.toml city.sigmf-meta
       soopnav observe room.toml --out room.png
@@ -75,26 +76,41 @@ def cli() -> None:
 @click.argument("capture", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw what was found.")
+@click.option(
+    "--signal",
+    type=click.Choice(["lte", "iridium"]),
+    default="lte",
+    show_default=True,
+    help="What to look for.",
+)
 @_capture_options
 @_sentences
 def scan(
     capture: Path,
     as_json: bool,
     plot: Path | None,
+    signal: str,
     rate_hz: float | None,
     sample_format: str | None,
     max_cfo_hz: float,
 ) -> None:
-    """Find the LTE cells in CAPTURE.
+    """Find the LTE cells in CAPTURE, or Iridium's bursts.
 
     Prints a row per cell, strongest first: identity, duplex mode, cyclic prefix, bandwidth in resource blocks, antenna
     ports, system frame number, carrier offset, sampling-clock error, SNR per reference element, and when the first path
     of its first radio frame arrives, counted from the first sample.
-    """
-    from soopnav_cpp.cli import scan as work
 
+    With --signal iridium a row per burst, by time: start, length (with > when the recording cut it), carrier and its
+    standard deviation, bandwidth of 90 % of the power, SNR in 25 kHz, the channels it may belong to with the Doppler it
+    then has. Tones and signals that do not end are listed as such.
+    """
     if plot is not None and plot.suffix.lower() != ".png":
         raise ValueError(f"{plot}: a name that ends in .png expected")
+    if signal == "iridium":
+        _scan_bursts(capture, as_json=as_json, plot=plot, rate_hz=rate_hz, sample_format=sample_format)
+        return
+    from soopnav_cpp.cli import scan as work
+
     with progress() as step:
         result = work.scan(capture, rate_hz=rate_hz, sample_format=sample_format, max_cfo_hz=max_cfo_hz, step=step)
         if plot is not None:
@@ -108,6 +124,34 @@ def scan(
                 [cell.arrival for cell in result.cells],
                 center_frequency_hz=result.metadata.center_frequency_hz,
                 title=work.header(result.metadata),
+                path=plot,
+            )
+    if as_json:
+        click.echo(json.dumps(work.as_json(result), indent=2, allow_nan=False))
+        return
+    work.print_table(result, _stdout())
+    if plot is not None:
+        click.echo(f"plot: {plot}")
+
+
+def _scan_bursts(
+    capture: Path, *, as_json: bool, plot: Path | None, rate_hz: float | None, sample_format: str | None
+) -> None:
+    from soopnav_cpp.cli import scan_bursts as work
+    from soopnav_cpp.cli.scan import header
+
+    with progress() as step:
+        result = work.scan(capture, rate_hz=rate_hz, sample_format=sample_format, step=step)
+        if plot is not None:
+            from soopnav_cpp import plotting
+
+            step(f"drawing {plot.name}")
+            plotting.burst_spectrogram(
+                result.iq,
+                result.metadata.sample_rate_hz,
+                result.signals,
+                center_frequency_hz=result.metadata.center_frequency_hz or 0.0,
+                title=header(result.metadata),
                 path=plot,
             )
     if as_json:

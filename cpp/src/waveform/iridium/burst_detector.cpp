@@ -277,7 +277,7 @@ struct BurstDetector::Impl {
       Candidate* own = nullptr;
       for (Candidate& c : candidates) {
         const std::size_t apart = c.bin > k ? c.bin - k : k - c.bin;
-        if (apart * 5 > half_band * 8) continue;  // 20 kHz
+        if (apart > 2 * half_band) continue;  // a tone's mean is as high anywhere in 25 kHz
         if (own == nullptr || apart < (own->bin > k ? own->bin - k : k - own->bin)) own = &c;
       }
       if (own == nullptr) {
@@ -306,8 +306,8 @@ struct BurstDetector::Impl {
         continue;
       }
       const Candidate closed = c;
-      candidates[i] = candidates.back();
-      candidates.pop_back();
+      candidates.erase(candidates.begin() +
+                       static_cast<std::ptrdiff_t>(i));  // in order: the earliest is measured first
       measure(closed, closed.matched);
       if (closed.matched) absorb(closed, frame);
     }

@@ -50,10 +50,10 @@ struct Arrival {
 ///   s(t) = sum_k a_k g(t - (k + 1/2) T),   T = 40 us,   0 <= t <= duration_s()             (doc/iridium.md eq. 1)
 ///
 /// a_k of modulus one, g the root-raised cosine of roll-off 0.4 with mean power one, so E|s|^2 = 1 inside the burst.
-/// g reaches 12 symbols either way, its last two faded out by a raised cosine: spectrum outside +-17.5 kHz is below
-/// -50 dB, symbols behind a matched filter are right to -45 dB, and s(t) outlasts the burst by at most 11.5 symbols
-/// (460 us) on either side, 99.9 % of it within one. g comes from a table of 256 phases, interpolated linearly: error
-/// below -90 dB. Immutable: threads may share one.
+/// g reaches 12 symbols either way, its last two faded out by a raised cosine: the spectrum is below -48 dB from
+/// +-18.5 kHz on, symbols behind a matched filter are right to -45 dB, and s(t) outlasts the burst by at most 11.5
+/// symbols (460 us) on either side, nearly all of it by one. g comes from a table of 256 phases, interpolated linearly:
+/// error below -90 dB. Immutable: threads may share one.
 class Burst {
  public:
   /// Symbols that g reaches to either side.
