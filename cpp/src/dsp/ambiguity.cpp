@@ -237,8 +237,8 @@ struct CrossAmbiguity::Impl {
     if (ratio > threshold && std::isfinite(result.sigma_tdoa_s) && std::isfinite(result.sigma_fdoa_hz)) {
       result.status = AmbiguityStatus::kOk;
     } else {
-      result.status =
-          stage->tones_a() > 0 && stage->tones_b() > 0 ? AmbiguityStatus::kTone : AmbiguityStatus::kNotDetected;
+      const bool tone = (stage->tones_a() > 0 || bands.lines_a) && (stage->tones_b() > 0 || bands.lines_b);
+      result.status = tone ? AmbiguityStatus::kTone : AmbiguityStatus::kNotDetected;
       result.sigma_tdoa_s = result.sigma_fdoa_hz = std::numeric_limits<double>::infinity();
     }
     if (result.status != AmbiguityStatus::kOk || !options.estimate_rate) {

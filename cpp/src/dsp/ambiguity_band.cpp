@@ -7,7 +7,7 @@
 namespace soopnav::dsp::detail {
 namespace {
 
-constexpr double kEnough = 8.0;   // the same, once every sample has been used
+constexpr double kEnough = 8.0;     // the same, once every sample has been used
 constexpr double kClear = 12.0;     // scores above this need no more averaging
 constexpr double kSeen = 6.0;       // and below this there is no band to be seen
 constexpr double kCentroid = 15.0;  // from here on the centroid is better than the window
@@ -69,9 +69,11 @@ void BandFinder::spectrum(IqSpan iq, std::size_t step, std::size_t hop, Side& si
 
 // A line is at most a Hann window's main lobe wide: what stands out from both neighbours kReach bins away is bridged.
 void BandFinder::remove_lines(Side& side) noexcept {
+  side.lines = false;
   for (std::size_t k = kReach; k + kReach < size_; ++k) {
     const double left = side.raw[k - kReach], right = side.raw[k + kReach];
     if (side.raw[k] <= kSteep * std::max(left, right)) continue;
+    side.lines = true;
     for (std::size_t j = k - kReach + 1; j < k + kReach; ++j) {
       side.clean[j] = std::min(side.clean[j], 0.5 * (left + right));
     }
@@ -221,6 +223,8 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
   };
   bands.center_a_hz = center(a_, w.first_a, request.center_a_hz);
   bands.center_b_hz = center(b_, w.first_b, request.center_b_hz);
+  bands.lines_a = a_.lines;
+  bands.lines_b = b_.lines;
   bands.noise_a = a_.floor_known ? a_.floor : 0.0;
   bands.noise_b = b_.floor_known ? b_.floor : 0.0;
   return bands;

@@ -15,6 +15,8 @@ struct Bands {
   double bandwidth_hz = 0.0;  ///< occupied
   double noise_a = 0.0;       ///< noise density [power / Hz], 0: could not be told
   double noise_b = 0.0;
+  bool lines_a = false;  ///< narrow lines stand out of the spectrum
+  bool lines_b = false;
 };
 
 /// What is known of them beforehand; NaN centres and a zero bandwidth are found.
@@ -44,6 +46,7 @@ class BandFinder {
     double averages = 1.0;
     double floor = 0.0;
     bool floor_known = false;
+    bool lines = false;
   };
   struct Window {
     std::size_t first_a = 0, first_b = 0, width = 1;

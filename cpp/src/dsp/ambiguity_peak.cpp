@@ -474,7 +474,10 @@ void AmbiguityStage::refine(const StagePeak& coarse, double carrier_hz, Ambiguit
   const double lag = peak.lag / inner_hz_;
   result.tdoa_rate = stretched_ + peak.rate;
   result.tdoa_s = lag + stretched_ * (epoch + lag - pivot / rate_hz_);
-  result.fdoa_hz = doppler + mix_a_hz_ - mix_b_hz_;
+  // A stretch shifts every frequency by its own amount: what was measured is the shift of a's centre, what is reported
+  // that of b's.
+  const double shift = doppler + mix_a_hz_ - mix_b_hz_;
+  result.fdoa_hz = shift - stretched_ * (mix_b_hz_ - (mix_a_hz_ - shift));
   result.phase_rad = wrapped(std::arg(peak.value) + kTwoPi * (shift_hz + table_doppler_hz_) * epoch +
                              kTwoPi * (mix_a_hz_ * (epoch + result.tdoa_s) - mix_b_hz_ * epoch));
   result.epoch_s = epoch;
