@@ -8,7 +8,7 @@ namespace soopnav::dsp::detail {
 namespace {
 
 constexpr double kEnough = 8.0;     // the same, once every sample has been used
-constexpr double kClear = 12.0;     // scores above this need no more averaging
+constexpr double kClear = 25.0;     // scores above this need no more averaging: the centre is known well enough
 constexpr double kSeen = 6.0;       // and below this there is no band to be seen
 constexpr double kCentroid = 15.0;  // from here on the centroid is better than the window
 constexpr std::size_t kReach = 4;   // bins: a feature that falls by kSteep within this is a line
@@ -203,7 +203,7 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
     sum(a_, true, w.first_a, w.width);
     sum(b_, true, w.first_b, w.width);
     w = search(request);
-    if (w.score > (pass == 1 ? kEnough : request.bandwidth_hz > 0.0 ? kClear : 2.0 * kClear)) break;
+    if (w.score > (pass == 1 ? kEnough : kClear)) break;
   }
   Bands bands;
   const double bin_hz = rate_ / static_cast<double>(size_);
