@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def write_ephemeris(
             raise ValueError(f"orbits: {name!r} is no name for a file")
     zero = utc(reference).isoformat()
     if file.suffix.lower() == ".npz":
-        arrays = {
+        arrays: dict[str, Any] = {
             "reference": np.array(zero),
             "names": np.array(list(orbits)),
             "start_s": np.array([0.0 if o.is_fixed else o.start_s for o in orbits.values()]),

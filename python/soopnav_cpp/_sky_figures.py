@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from datetime import datetime, timedelta
-from typing import TYPE_CHECKING
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from soopnav_cpp import orbits as _orbits
 from soopnav_cpp._core.geometry import SampledOrbit
 from soopnav_cpp._drawing import _COLOURS, _INK, _PALE, _figure, _save, _style
+from soopnav_cpp._extras import require
 from soopnav_cpp._orbit_paths import signal_path
 
 if TYPE_CHECKING:
@@ -77,9 +78,14 @@ def passes(
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.25))
     sky = figure.add_subplot(grid[:, 0], projection="polar")
     heights, dopplers = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
-    zero = None if reference is None else _orbits.utc(reference)
+    dates: Any = None if reference is None else require("matplotlib.dates", "plot", "drawing")
+    zero_day = 0.0 if reference is None else float(dates.date2num(_orbits.utc(reference)))
     scale = 1.0 if end_s - start_s <= 300.0 else 60.0
-    clock = "UTC" if zero is not None else ("time [s]" if scale == 1.0 else "time [min]")
+    clock = "UTC" if dates is not None else ("time [s]" if scale == 1.0 else "time [min]")
+
+    def axis_of(t_s: Array) -> Array:
+        return zero_day + t_s / 86400.0 if dates is not None else t_s / scale
+
     _prepare_sky(sky, mask_rad)
     _style(heights, "Elevation", "", "elevation [deg]")
     _style(dopplers, f"Doppler at {carrier_hz / 1e6:.6g} MHz", clock, "Doppler [kHz]")
@@ -93,7 +99,7 @@ def passes(
         times = np.linspace(one.rise_s, one.set_s, max(2, int(_STEPS * (one.set_s - one.rise_s) / (end_s - start_s))))
         azimuth, elevation, _ = (row[0] for row in _orbits.elevations([orbits[one.index]], times, p_e))
         doppler_khz = -1e-3 * carrier_hz * signal_path(orbits[one.index], times, p_e).delay_rate
-        axis = [zero + timedelta(seconds=float(t)) for t in times] if zero is not None else times / scale
+        axis = axis_of(times)
         sky.plot(azimuth, 90.0 - np.degrees(elevation), color=colour, linewidth=1.6)
         _arrow(sky, azimuth, 90.0 - np.degrees(elevation), colour)
         heights.plot(axis, np.degrees(elevation), color=colour, linewidth=1.4)
@@ -123,19 +129,12 @@ def passes(
                 color=colour,
                 bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
             )
-    limits = (
-        (zero + timedelta(seconds=start_s), zero + timedelta(seconds=end_s))
-        if zero is not None
-        else (start_s / scale, end_s / scale)
-    )
     for axes in (heights, dopplers):
-        axes.set_xlim(*limits)
-        if zero is not None:
-            from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-            locator = AutoDateLocator(maxticks=8)
+        axes.set_xlim(*axis_of(np.array([start_s, end_s])))
+        if dates is not None:
+            locator = dates.AutoDateLocator(maxticks=8)
             axes.xaxis.set_major_locator(locator)
-            axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+            axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
     heights.set_ylim(np.degrees(mask_rad), 95.0)
     heights.tick_params(labelbottom=False)
     dopplers.axhline(0.0, color=_PALE, linewidth=1.0, zorder=0)

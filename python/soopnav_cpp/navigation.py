@@ -28,8 +28,8 @@ from soopnav_cpp._cooperative_motion import (
     shared_anchor_correlation,
 )
 from soopnav_cpp._core import navigation as _navigation
-from soopnav_cpp._core.navigation import FixStatus, NodeUse, PositionFix
-from soopnav_cpp._doppler_fix import DopplerFix, DopplerStatus, DopplerUse, doppler_fix
+from soopnav_cpp._core.navigation import DopplerStatus, DopplerUse, FixStatus, NodeUse, PositionFix
+from soopnav_cpp._doppler_fix import DopplerFix, doppler_fix
 from soopnav_cpp._handset import (
     HandsetEstimate,
     HandsetLocator,

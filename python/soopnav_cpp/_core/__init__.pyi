@@ -10,6 +10,7 @@ from . import estimation
 from . import geometry
 from . import gnss
 from . import gps
+from . import iridium
 from . import inertial
 from . import lte
 from . import measurement
@@ -28,6 +29,7 @@ __all__: list[str] = [
     "gnss",
     "gps",
     "inertial",
+    "iridium",
     "lte",
     "measurement",
     "navigation",

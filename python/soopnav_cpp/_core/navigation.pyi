@@ -13,6 +13,8 @@ import typing
 __all__: list[str] = [
     "BearingUse",
     "ClockMotion",
+    "DopplerStatus",
+    "DopplerUse",
     "FixStatus",
     "HandsetClock",
     "HandsetEstimate",
@@ -36,6 +38,7 @@ __all__: list[str] = [
     "StrapdownNavigator",
     "StrapdownRun",
     "TrackState",
+    "doppler_fix",
     "likelihood_surface",
     "locate_nodes",
     "position_fix",
@@ -172,6 +175,30 @@ class PositionFix:
         """
         Whether each node took part; shape (nodes,).
         """
+
+class DopplerStatus(enum.Enum):
+    """
+    How a fix from Dopplers ended.
+    """
+
+    AMBIGUOUS = ...
+    CONVERGED = ...
+    NOT_CONVERGED = ...
+    RANK_DEFICIENT = ...
+    TOO_FEW_ROWS = ...
+    TOO_FEW_SATELLITES = ...
+    TOO_MANY_SATELLITES = ...
+
+class DopplerUse(enum.IntEnum):
+    """
+    What a fix did with a Doppler.
+    """
+
+    BAD_SIGMA = ...
+    NOT_FINITE = ...
+    STALE = ...
+    USED = ...
+    def __format__(self, format_spec): ...
 
 class HandsetFilter(enum.Enum):
     """
@@ -989,6 +1016,11 @@ class StrapdownNavigator:
         """
         A whole run; the navigator stays as it is.
         """
+
+def doppler_fix(rows: numpy.typing.ArrayLike, **kwargs) -> dict:
+    """
+    Rows of t, satellite, Doppler, sigma, p (3), v (3), along-track sigma, age; see the face.
+    """
 
 def likelihood_surface(
     times_s: numpy.typing.ArrayLike,

@@ -1,0 +1,7 @@
+"""
+Iridium: channels, bursts, their detection.
+"""
+
+from __future__ import annotations
+
+__all__: list[str] = list()
