@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from soopnav_cpp import geometry, orbits
@@ -239,6 +241,22 @@ def test_arrays_that_do_not_fit_are_refused(sky: Rows) -> None:
             doppler_fix(*arguments)
     with pytest.raises(ValueError, match="true_position_e_m"):
         doppler_fix(*sky).error_enu_m([1.0])
+
+
+@pytest.mark.fuzz
+@settings(max_examples=80, deadline=None)
+@given(st.data())
+def test_any_numbers_end_in_a_status(sky: Rows, data: st.DataObject) -> None:
+    rows = [np.array(a[::4]) for a in sky]
+    numbers = st.floats(allow_nan=True, allow_infinity=True)
+    for _ in range(data.draw(st.integers(1, 4))):
+        column = rows[data.draw(st.sampled_from([0, 2, 3, 4]))].reshape(-1)
+        column[data.draw(st.integers(0, len(column) - 1))] = data.draw(numbers)
+    fix = doppler_fix(*rows, height_m=450.0, satellite_bias_sigma_hz=data.draw(st.sampled_from([0.0, 2.0])))
+    if fix.status in (DopplerStatus.CONVERGED, DopplerStatus.AMBIGUOUS):
+        assert np.isfinite(fix.position_e_m).all()
+        assert np.isfinite(fix.covariance_enu_m2).all()
+        assert np.isfinite(fix.residuals_hz[fix.used]).all()
 
 
 # ---- the recording: its residuals are cut at 10 Hz around the truth, so Gaussian models only

@@ -1,6 +1,5 @@
 #include "soopnav/geometry/sampled_orbit.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -54,7 +53,7 @@ bool solve(const SampledOrbit& orbit, double t_receive_s, const Eigen::Vector3d&
     }
     sending.delay_s = delay_s;
     sending.v = turned(state.v_e, c, s);
-    sending.a = turned(sending.a, c, s).eval();
+    sending.a = turned(sending.a, c, s);
     return delay_s > 0.0;
   }
   return false;

@@ -1,7 +1,5 @@
 #include "soopnav/navigation/doppler_fix.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -195,36 +193,72 @@ struct Solution {
   int iterations = 0;
 };
 
-// The factor of A scaled to a unit diagonal; false when a direction is free.
-bool factor(const Eigen::MatrixXd& A, double damping, Eigen::VectorXd& scale, Eigen::LDLT<Eigen::MatrixXd>& f) {
-  scale = A.diagonal().cwiseSqrt();
-  for (Eigen::Index i = 0; i < scale.size(); ++i) scale[i] = scale[i] > 0.0 ? 1.0 / scale[i] : 1.0;
-  Eigen::MatrixXd scaled = scale.asDiagonal() * A * scale.asDiagonal();
-  scaled.diagonal().array() += damping;
-  f.compute(scaled);
-  return f.info() == Eigen::Success && f.vectorD().minCoeff() > kLeastPivot;
-}
+// Cholesky factor of A scaled to a unit diagonal. Plain loops: a few dozen unknowns, once for each step.
+class Factor {
+ public:
+  // False when a direction is free.
+  bool compute(const Eigen::MatrixXd& A, double damping) {
+    const Eigen::Index n = A.rows();
+    unit_.resize(n);
+    for (Eigen::Index i = 0; i < n; ++i) unit_[i] = A(i, i) > 0.0 ? 1.0 / std::sqrt(A(i, i)) : 1.0;
+    L_.resize(n, n);
+    for (Eigen::Index j = 0; j < n; ++j) {
+      for (Eigen::Index i = j; i < n; ++i) {
+        double sum = unit_[i] * A(i, j) * unit_[j] + (i == j ? damping : 0.0);
+        for (Eigen::Index k = 0; k < j; ++k) sum -= L_(k, i) * L_(k, j);  // stored by rows of the transpose
+        if (i == j) {
+          if (!(sum > kLeastPivot)) return false;
+          L_(j, j) = std::sqrt(sum);
+        } else {
+          L_(j, i) = sum / L_(j, j);
+        }
+      }
+    }
+    return true;
+  }
+  // A⁻¹ b.
+  [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& b) const {
+    const Eigen::Index n = b.size();
+    Eigen::VectorXd x(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      double sum = unit_[i] * b[i];
+      for (Eigen::Index k = 0; k < i; ++k) sum -= L_(k, i) * x[k];
+      x[i] = sum / L_(i, i);
+    }
+    for (Eigen::Index i = n; i-- > 0;) {
+      double sum = x[i];
+      for (Eigen::Index k = i + 1; k < n; ++k) sum -= L_(i, k) * x[k];
+      x[i] = sum / L_(i, i);
+    }
+    for (Eigen::Index i = 0; i < n; ++i) x[i] *= unit_[i];
+    return x;
+  }
+
+ private:
+  Eigen::MatrixXd L_;
+  Eigen::VectorXd unit_;
+};
 
 Solution descend(const Batch& batch, Point start, int max_iterations) {
   Solution best;
   best.x = std::move(start);
   Eigen::MatrixXd A, next_A;
-  Eigen::VectorXd g, next_g, scale;
-  Eigen::LDLT<Eigen::MatrixXd> f;
+  Eigen::VectorXd g, next_g;
+  Factor f;
   if (!batch.accumulate(best.x, A, g, best.cost, best.data_cost)) {
     best.cost = std::numeric_limits<double>::infinity();
     return best;
   }
   double damping = 0.0;
   for (best.iterations = 1; best.iterations <= max_iterations; ++best.iterations) {
-    const bool regular = factor(A, damping, scale, f);
+    const bool regular = f.compute(A, damping);
     if (damping == 0.0) best.full_rank = regular;
     if (!regular) {
       damping = std::max(10.0 * damping, 1e-8);
       if (damping > 1e6) return best;
       continue;
     }
-    const Eigen::VectorXd d = scale.cwiseProduct(f.solve(scale.cwiseProduct(g)));
+    const Eigen::VectorXd d = f.solve(g);
     if (best.full_rank && d.dot(g) <= kStepSigmas * kStepSigmas) {
       best.converged = true;
       return best;
@@ -260,15 +294,15 @@ Solution descend(const Batch& batch, Point start, int max_iterations) {
 // The sum of squares with the linear unknowns at their best for a position, and those.
 double profile(const Batch& batch, Point& x) {
   Eigen::MatrixXd A;
-  Eigen::VectorXd g, scale;
-  Eigen::LDLT<Eigen::MatrixXd> f;
+  Eigen::VectorXd g;
+  Factor f;
   double cost = 0.0, data_cost = 0.0;
   if (!batch.accumulate(x, A, g, cost, data_cost)) return std::numeric_limits<double>::infinity();
   const Eigen::Index n = x.nuisance.size();
   const Eigen::MatrixXd inner = A.bottomRightCorner(n, n);
   const Eigen::VectorXd inner_g = g.tail(n);
-  if (!factor(inner, 1e-10, scale, f)) return std::numeric_limits<double>::infinity();
-  const Eigen::VectorXd d = scale.cwiseProduct(f.solve(scale.cwiseProduct(inner_g)));
+  if (!f.compute(inner, 1e-10)) return std::numeric_limits<double>::infinity();
+  const Eigen::VectorXd d = f.solve(inner_g);
   x.nuisance += d;
   return cost - d.dot(inner_g);
 }
@@ -325,7 +359,7 @@ DopplerUse judge(const DopplerRow& row, double max_age_s) noexcept {
   const bool finite = std::isfinite(row.t_s) && std::isfinite(row.doppler_hz) && row.source_p_e.allFinite() &&
                       row.source_v_e.allFinite() && std::isfinite(row.sigma_hz) &&
                       std::isfinite(row.along_track_sigma_m) && std::isfinite(row.age_s);
-  if (!finite) return DopplerUse::kNotFinite;
+  if (!finite || !(row.source_p_e.norm() >= geometry::kMinCentreDistanceM)) return DopplerUse::kNotFinite;
   if (!(row.sigma_hz > 0.0) || row.along_track_sigma_m < 0.0) return DopplerUse::kBadSigma;
   return std::abs(row.age_s) > max_age_s ? DopplerUse::kStale : DopplerUse::kUsed;
 }
@@ -530,18 +564,18 @@ DopplerFix doppler_fix(std::span<const DopplerRow> rows, const DopplerFixOptions
   }
 
   Eigen::MatrixXd A;
-  Eigen::VectorXd g, unit;
-  Eigen::LDLT<Eigen::MatrixXd> f;
+  Eigen::VectorXd g;
+  Factor f;
   double cost = 0.0, data_cost = 0.0;
-  const bool regular = batch.accumulate(best.x, A, g, cost, data_cost) && factor(A, 0.0, unit, f);
+  const bool regular = batch.accumulate(best.x, A, g, cost, data_cost) && f.compute(A, 0.0);
   if (!regular) {
     fix.status = DopplerStatus::kRankDeficient;
     return fix;
   }
   const auto column = [&](int i) {
     Eigen::VectorXd e = Eigen::VectorXd::Zero(u.count);
-    e[i] = unit[i];
-    return Eigen::VectorXd(unit.cwiseProduct(f.solve(e)));
+    e[i] = 1.0;
+    return f.solve(e);
   };
   fix.covariance_enu.setZero();
   for (int k = 0; k < u.position; ++k) fix.covariance_enu.col(k).head(u.position) = column(k).head(u.position);

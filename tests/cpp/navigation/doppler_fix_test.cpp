@@ -269,6 +269,7 @@ TEST(DopplerFix, BadRowsAreLeftOutAndTooFewSaidSo) {
   rows[2].sigma_hz = 0.0;
   rows[3].sigma_hz = -1.0;
   rows[4].t_s = std::numeric_limits<double>::infinity();
+  rows[5].source_p_e.setZero();
   const DopplerFix fix = doppler_fix(rows, options);
   ASSERT_EQ(fix.status, DopplerStatus::kConverged);
   EXPECT_EQ(fix.use[0], DopplerUse::kNotFinite);
@@ -276,6 +277,7 @@ TEST(DopplerFix, BadRowsAreLeftOutAndTooFewSaidSo) {
   EXPECT_EQ(fix.use[2], DopplerUse::kBadSigma);
   EXPECT_EQ(fix.use[3], DopplerUse::kBadSigma);
   EXPECT_EQ(fix.use[4], DopplerUse::kNotFinite);
+  EXPECT_EQ(fix.use[5], DopplerUse::kNotFinite);
   EXPECT_TRUE(std::isnan(fix.residuals_hz[0]));
   EXPECT_LT(horizontal_m(fix, sky.p_e), 0.1);
 

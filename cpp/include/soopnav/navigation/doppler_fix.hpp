@@ -75,7 +75,7 @@ enum class DopplerStatus : std::uint8_t {
 /// What a fix did with a row.
 enum class DopplerUse : std::uint8_t {
   kUsed,
-  kNotFinite,  ///< a number of it is NaN or infinite
+  kNotFinite,  ///< a number of it is NaN or infinite, or its satellite within 1000 km of the Earth's centre
   kBadSigma,   ///< a standard deviation is not positive, or that along the track negative
   kStale,      ///< its elements are older than `max_age_s`
 };
