@@ -8,14 +8,18 @@ import enum
 import numpy
 import numpy.typing
 import soopnav_cpp._core.estimation
+import soopnav_cpp._core.geometry
 import typing
 
 __all__: list[str] = [
     "BearingUse",
     "ClockMotion",
+    "CooperativeGroup",
+    "CooperativeTracker",
     "DopplerStatus",
     "DopplerUse",
     "FixStatus",
+    "GroupStatus",
     "HandsetClock",
     "HandsetEstimate",
     "HandsetFilter",
@@ -26,6 +30,9 @@ __all__: list[str] = [
     "NodeMapStatus",
     "NodeUse",
     "OfdmInertialNavigator",
+    "PairStart",
+    "PairStartStatus",
+    "PairUse",
     "PositionFix",
     "SourceFix",
     "SourceLine",
@@ -39,13 +46,22 @@ __all__: list[str] = [
     "StrapdownRun",
     "TrackState",
     "doppler_fix",
+    "inertial_tracker",
     "likelihood_surface",
     "locate_nodes",
+    "manoeuvring_tracker",
+    "pair_geometry",
+    "pair_noise_shares",
     "position_fix",
     "source_crlb",
     "start_node",
+    "start_pair",
     "strapdown_local",
     "strapdown_retract",
+    "tracker_add_imu",
+    "tracker_inertial",
+    "tracker_inertial_smooth",
+    "tracker_modes",
 ]
 
 class FixStatus(enum.Enum):
@@ -1017,9 +1033,245 @@ class StrapdownNavigator:
         A whole run; the navigator stays as it is.
         """
 
+class PairUse(enum.Enum):
+    """
+    What became of a burst.
+    """
+
+    ACCEPTED = ...
+    BAD_COVARIANCE = ...
+    BELOW_HORIZON = ...
+    CLOCK_JUMP = ...
+    FREQUENCY_JUMP = ...
+    GATED = ...
+    NOT_ADVANCING = ...
+    NOT_FINITE = ...
+    NOT_STARTED = ...
+    OUTSIDE_EPHEMERIS = ...
+    UNKNOWN_BEACON = ...
+
+class PairStartStatus(enum.Enum):
+    """
+    How a start from a batch of bursts ended.
+    """
+
+    AMBIGUOUS = ...
+    FOUND = ...
+    NOT_CONVERGED = ...
+    NO_VIEW = ...
+    POOR_FIT = ...
+    TOO_FEW = ...
+
+class PairStart:
+    """
+    What a start from a batch of bursts found. Read-only; NaN where nothing.
+    """
+    def __repr__(self) -> str: ...
+    @property
+    def alternatives(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Means of other places that fit as well, best first; shape (k, 8).
+        """
+    @property
+    def cells(self) -> int:
+        """
+        Of the grid that see the beacons.
+        """
+    @property
+    def chi_square(self) -> float:
+        """
+        Of the residuals.
+        """
+    @property
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Shape (8, 8).
+        """
+    @property
+    def degrees_of_freedom(self) -> int:
+        """
+        Of it.
+        """
+    @property
+    def iterations(self) -> int:
+        """
+        Linearisations of the best.
+        """
+    @property
+    def mean(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        p, v (ECEF), theta, alpha [m, m/s]; shape (8,).
+        """
+    @property
+    def ok(self) -> bool:
+        """
+        Found, and no other place fits.
+        """
+    @property
+    def status(self) -> PairStartStatus:
+        """
+        How it ended.
+        """
+    @property
+    def t_s(self) -> float:
+        """
+        Time of the last burst, which the solution is of.
+        """
+    @property
+    def used(self) -> typing.Any:
+        """
+        Which measurements are in the solution; shape (n,).
+        """
+
+class CooperativeTracker:
+    """
+    A target's place and clock from bursts an anchor heard too.
+    """
+    def __init__(self, beacons: list, epoch_s: numpy.typing.ArrayLike, options: dict) -> None: ...
+    def along_track(self, beacon: typing.SupportsInt | typing.SupportsIndex) -> typing.Any:
+        """
+        Along-track error of a beacon and its deviation [m]; None when not estimated.
+        """
+    def coast(self, t_s: typing.SupportsFloat | typing.SupportsIndex) -> bool:
+        """
+        To a time without a burst.
+        """
+    def estimate(self) -> tuple[float, numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], float]:
+        """
+        Time, mean, covariance, seconds since a burst was accepted.
+        """
+    def run(self, bursts: numpy.typing.ArrayLike) -> tuple:
+        """
+        Each burst in turn.
+        """
+    def smooth(
+        self,
+    ) -> tuple[
+        str,
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """
+        Fixed-interval smoothing.
+        """
+    def start(self, bursts: numpy.typing.ArrayLike, search: dict) -> PairStart:
+        """
+        From bursts alone.
+        """
+    def start_at(
+        self,
+        t_s: typing.SupportsFloat | typing.SupportsIndex,
+        mean: numpy.typing.ArrayLike,
+        covariance: numpy.typing.ArrayLike,
+    ) -> None:
+        """
+        From a known mean and covariance.
+        """
+    @property
+    def counts(self) -> list[int]:
+        """
+        How often each PairUse occurred.
+        """
+    @property
+    def started(self) -> bool:
+        """
+        Whether there is an estimate.
+        """
+
+class GroupStatus(enum.Enum):
+    """
+    What became of a row of a burst.
+    """
+
+    ACCEPTED = ...
+    GATED = ...
+    NON_FINITE = ...
+    OUTSIDE_ORBIT = ...
+    REFUSED = ...
+    TIME_NOT_ADVANCING = ...
+    UNKNOWN_BEACON = ...
+    UNKNOWN_TARGET = ...
+
+class CooperativeGroup:
+    """
+    Several targets and one anchor.
+    """
+    def __init__(
+        self,
+        beacons: list,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        *,
+        anchor_clock: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+        target_clock: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+        horizontal_psd_m2ps3: typing.SupportsFloat | typing.SupportsIndex,
+        vertical_psd_m2ps3: typing.SupportsFloat | typing.SupportsIndex,
+        gate_probability: typing.SupportsFloat | typing.SupportsIndex,
+        max_targets: typing.SupportsInt | typing.SupportsIndex,
+        shared_anchor_noise: bool,
+        shared_anchor_clock: bool,
+    ) -> None: ...
+    def join(self, mean: numpy.typing.ArrayLike, covariance: numpy.typing.ArrayLike) -> int:
+        """
+        The target's name, or -1.
+        """
+    def leave(self, target: typing.SupportsInt | typing.SupportsIndex) -> bool:
+        """
+        False when it is not here.
+        """
+    def run(
+        self,
+        bursts: numpy.typing.ArrayLike,
+        rows: numpy.typing.ArrayLike,
+        pairs: collections.abc.Sequence[
+            tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex]
+        ],
+        covariance: bool,
+    ) -> tuple:
+        """
+        Each burst in turn: means, covariances, statuses.
+        """
+    @property
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Of all of them together.
+        """
+    @property
+    def mean(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Eight numbers for each target.
+        """
+    @property
+    def targets(self) -> list[int]:
+        """
+        Names, in the order of joining.
+        """
+    @property
+    def time_s(self) -> float:
+        """
+        Of the state.
+        """
+
 def doppler_fix(rows: numpy.typing.ArrayLike, **kwargs) -> dict:
     """
     Rows of t, satellite, Doppler, sigma, p (3), v (3), along-track sigma, age; see the face.
+    """
+
+def inertial_tracker(
+    beacons: list,
+    epoch_s: numpy.typing.ArrayLike,
+    options: dict,
+    *,
+    noise: numpy.typing.ArrayLike,
+    quaternion: numpy.typing.ArrayLike,
+    start: numpy.typing.ArrayLike,
+    limits: numpy.typing.ArrayLike,
+    coning_samples: typing.SupportsInt | typing.SupportsIndex,
+    waiting_samples: typing.SupportsInt | typing.SupportsIndex,
+    smoother_steps: typing.SupportsInt | typing.SupportsIndex,
+) -> CooperativeTracker:
+    """
+    A CooperativeTracker with an inertial unit.
     """
 
 def likelihood_surface(
@@ -1058,6 +1310,31 @@ def locate_nodes(
 ) -> tuple:
     """
     Nodes from ranges along a walk.
+    """
+
+def manoeuvring_tracker(
+    beacons: list, epoch_s: numpy.typing.ArrayLike, options: dict, manoeuvres: numpy.typing.ArrayLike
+) -> CooperativeTracker:
+    """
+    A CooperativeTracker over two modes of motion.
+    """
+
+def pair_geometry(
+    beacon: soopnav_cpp._core.geometry.SampledOrbit,
+    bursts: numpy.typing.ArrayLike,
+    mean: numpy.typing.ArrayLike,
+    along_track_m: numpy.typing.ArrayLike,
+    anchor_drift_mps: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    TDOA [s] and FDOA [Hz] that the model expects.
+    """
+
+def pair_noise_shares(
+    first_snr: typing.SupportsFloat | typing.SupportsIndex, second_snr: typing.SupportsFloat | typing.SupportsIndex
+) -> tuple[float, float, float]:
+    """
+    Of the first recording, the second, and the product of both.
     """
 
 def position_fix(
@@ -1108,6 +1385,11 @@ def start_node(
     Best start of one node from an exact walk.
     """
 
+def start_pair(beacons: list, bursts: numpy.typing.ArrayLike, search: dict) -> PairStart:
+    """
+    A target's place and clock from bursts alone.
+    """
+
 def strapdown_local(
     estimates: numpy.typing.ArrayLike, truths: numpy.typing.ArrayLike
 ) -> numpy.typing.NDArray[numpy.float64]:
@@ -1120,4 +1402,29 @@ def strapdown_retract(
 ) -> numpy.typing.NDArray[numpy.float64]:
     """
     States moved by errors of 15 states.
+    """
+
+def tracker_add_imu(
+    tracker: CooperativeTracker,
+    t_s: numpy.typing.ArrayLike,
+    delta_theta_b: numpy.typing.ArrayLike,
+    delta_velocity_b: numpy.typing.ArrayLike,
+) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    Increments that end at the times; ImuStatus of each as numbers.
+    """
+
+def tracker_inertial(tracker: CooperativeTracker) -> tuple:
+    """
+    t_s, mean, quaternion, gyro and accelerometer biases, covariance; one row each.
+    """
+
+def tracker_inertial_smooth(tracker: CooperativeTracker) -> tuple:
+    """
+    The same of all steps, smoothed; no rows when there was no room for them.
+    """
+
+def tracker_modes(tracker: CooperativeTracker) -> tuple[float, float]:
+    """
+    Probabilities of being calm and of manoeuvring.
     """

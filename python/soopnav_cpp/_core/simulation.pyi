@@ -10,6 +10,7 @@ import numpy.typing
 import soopnav_cpp._core.array
 import soopnav_cpp._core.geometry
 import soopnav_cpp._core.gnss
+import soopnav_cpp._core.iridium
 import soopnav_cpp._core.ofdm
 import soopnav_cpp._core.vision
 import typing
@@ -18,6 +19,7 @@ __all__: list[str] = [
     "BoundarySeries",
     "ChannelEmulator",
     "ChannelSounder",
+    "ClockTrack",
     "FrontEnd",
     "GnssObservableOptions",
     "GroundScene",
@@ -27,7 +29,10 @@ __all__: list[str] = [
     "LinkStatus",
     "Material",
     "OfdmLink",
+    "PairLink",
+    "PairReceiver",
     "PlanarTrajectory",
+    "SampledEnvelope",
     "SensorErrorModel",
     "SpatialTrajectory",
     "add_awgn",
@@ -670,6 +675,137 @@ class LinkBudget:
     def received_power_dbm(self, distance_m: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def noise_floor_dbm(self) -> float: ...
+
+class ClockTrack:
+    """
+    A receiver's clock over system time.
+    """
+    @staticmethod
+    def steady(
+        bias_s: typing.SupportsFloat | typing.SupportsIndex,
+        drift: typing.SupportsFloat | typing.SupportsIndex,
+        epoch_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> ClockTrack: ...
+    def __init__(
+        self, t_s: numpy.typing.ArrayLike, bias_s: numpy.typing.ArrayLike, drift: numpy.typing.ArrayLike
+    ) -> None: ...
+    def at(
+        self, t_s: numpy.typing.ArrayLike
+    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+    def time_of(self, reading_s: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def t_s(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class SampledEnvelope:
+    """
+    Samples of any waveform as a continuous envelope.
+    """
+    def __init__(
+        self,
+        samples: numpy.typing.NDArray[numpy.complex64],
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    @property
+    def begin_s(self) -> float: ...
+    @property
+    def end_s(self) -> float: ...
+
+class PairReceiver:
+    """
+    Antenna, clock and echoes of one receiver.
+    """
+    def __init__(
+        self,
+        antenna: soopnav_cpp._core.geometry.SampledOrbit,
+        clock: ClockTrack,
+        tap_delay_s: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        tap_gain: collections.abc.Sequence[
+            complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    def receive(
+        self,
+        waveform: soopnav_cpp._core.iridium.Burst | SampledEnvelope,
+        beacon: soopnav_cpp._core.geometry.SampledOrbit,
+        *,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex,
+        amplitude: typing.SupportsFloat | typing.SupportsIndex,
+        phase_rad: typing.SupportsFloat | typing.SupportsIndex,
+        grid_start_s: typing.SupportsFloat | typing.SupportsIndex,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        center_hz: typing.SupportsFloat | typing.SupportsIndex,
+        first_sample: typing.SupportsInt | typing.SupportsIndex,
+        samples: numpy.typing.NDArray[numpy.complex64],
+    ) -> None:
+        """
+        Adds what it hears of a transmission to `samples`.
+        """
+
+class PairLink:
+    """
+    Two receivers of one transmission after the other.
+    """
+    def __init__(
+        self,
+        target: PairReceiver,
+        anchor: PairReceiver,
+        sample_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        center_hz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def bursts(
+        self,
+        duration_s: typing.SupportsFloat | typing.SupportsIndex,
+        beacons: collections.abc.Sequence[soopnav_cpp._core.geometry.SampledOrbit],
+        *,
+        beacon: numpy.typing.ArrayLike,
+        start_s: numpy.typing.ArrayLike,
+        carrier_hz: numpy.typing.ArrayLike,
+        target_start_s: numpy.typing.ArrayLike,
+        anchor_start_s: numpy.typing.ArrayLike,
+        samples: typing.SupportsInt | typing.SupportsIndex,
+        center_hz: numpy.typing.ArrayLike,
+        target_amplitude: numpy.typing.ArrayLike,
+        anchor_amplitude: numpy.typing.ArrayLike,
+        noise_variance: typing.SupportsFloat | typing.SupportsIndex,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple: ...
+    def render(
+        self,
+        waveform: soopnav_cpp._core.iridium.Burst | SampledEnvelope,
+        beacon: soopnav_cpp._core.geometry.SampledOrbit,
+        *,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex,
+        phase_rad: typing.SupportsFloat | typing.SupportsIndex,
+        target_amplitude: typing.SupportsFloat | typing.SupportsIndex,
+        anchor_amplitude: typing.SupportsFloat | typing.SupportsIndex,
+        target_start_s: typing.SupportsFloat | typing.SupportsIndex,
+        target_samples: typing.SupportsInt | typing.SupportsIndex,
+        anchor_start_s: typing.SupportsFloat | typing.SupportsIndex,
+        anchor_samples: typing.SupportsInt | typing.SupportsIndex,
+        center_hz: typing.SupportsFloat | typing.SupportsIndex,
+        noise_variance: typing.SupportsFloat | typing.SupportsIndex,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex,
+    ) -> tuple: ...
+    def sent_s(
+        self,
+        beacons: collections.abc.Sequence[soopnav_cpp._core.geometry.SampledOrbit],
+        beacon: numpy.typing.ArrayLike,
+        anchor_reading_s: numpy.typing.ArrayLike,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def truth(
+        self,
+        beacons: collections.abc.Sequence[soopnav_cpp._core.geometry.SampledOrbit],
+        beacon: numpy.typing.ArrayLike,
+        sent_s: numpy.typing.ArrayLike,
+        carrier_hz: numpy.typing.ArrayLike,
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Rows of tdoa_s, fdoa_hz and, of target and anchor, t_s, reading_s, frequency_hz, delay_s, delay_rate, bias_s, drift.
+        """
 
 class GroundScene:
     """
