@@ -8,10 +8,10 @@ noise of D / (1 - D) of the power of signal and noise together, spread over the 
 
     1 / snr_q = 1 / snr + D / (1 - D) (B / f_s + 1 / snr)        (1)
 
-with ``snr`` the signal's to the noise's power in the band B. At 50 kHz and B = 25 kHz, and against a target's snippet
-that is not quantised, that costs 10 lg((1 / snr_q) / (1 / snr)) dB at most; less where the target's own noise counts.
-The cross-ambiguity measures the SNR of both snippets from what they are, so the covariance of its delay and Doppler
-has the noise of (1) in it.
+with ``snr`` the signal's to the noise's power in the band B. Phase-shift keying above the noise has no tails like a
+Gaussian's: each snippet's step is fitted for the least squared error of its own components, up to 40 % below the
+Gaussian's, and is sent with it; (1) is then an upper bound. The cross-ambiguity measures the SNR of both snippets from
+what they are, so the covariance of its delay and Doppler has the noise of (1) in it.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ STEPS = {1: 1.5958, 2: 0.9957, 3: 0.5860, 4: 0.3352}
 DISTORTIONS = {1: 0.3634, 2: 0.1188, 3: 0.03744, 4: 0.01154}
 
 _LIMITS_DB = ((10.0, 2), (15.0, 3))  # up to this SNR so many bits lose at most 1 dB; 4 beyond
+_FACTORS = np.linspace(0.6, 1.2, 25)  # of the step
 _MESSAGE_BYTES = 160  # of a snippet's frame besides its samples, at most
 
 
@@ -94,7 +95,7 @@ def quantise(iq: npt.NDArray[np.complex64], bits: int, *, burst: slice | None = 
     Returns
     -------
     scale : float
-        Root mean square of a component, in the burst.
+        Step over `STEPS`: near the root mean square of a component in the burst. `bits` = 0: that.
     data : bytes
         Components in turn, I first; each `bits` bits, most significant first, without gaps; little-endian complex64
         for `bits` = 0.
@@ -115,11 +116,25 @@ def quantise(iq: npt.NDArray[np.complex64], bits: int, *, burst: slice | None = 
     scale = float(np.float32(np.sqrt(np.mean(np.square(inner, dtype=np.float64)))))
     if bits == 0:
         return scale, parts.astype("<f4").tobytes()
-    step = _known(bits, STEPS) * (scale if scale > 0.0 else 1.0)
+    _known(bits, STEPS)
+    if scale > 0.0:
+        scale = float(np.float32(scale * _fit(inner / np.float32(scale), bits)))
+    step = STEPS[bits] * (scale if scale > 0.0 else 1.0)
     half = 1 << (bits - 1)
     levels = np.clip(np.floor(parts / step) + half, 0, 2 * half - 1).astype(np.uint8)
     planes = (levels[:, None] >> np.arange(bits - 1, -1, -1, dtype=np.uint8)) & 1
     return scale, np.packbits(planes.reshape(-1)).tobytes()
+
+
+def _fit(parts: npt.NDArray[np.float32], bits: int) -> float:
+    """By what to widen or narrow the Gaussian's step for the least squared error of these components, of unit power."""
+    half = 1 << (bits - 1)
+    errors = []
+    for factor in _FACTORS:
+        step = np.float32(STEPS[bits] * factor)
+        levels = np.clip(np.floor(parts / step), -half, half - 1) + np.float32(0.5)
+        errors.append(float(np.mean(np.square(parts - levels * step))))
+    return float(_FACTORS[int(np.argmin(errors))])
 
 
 def dequantise(data: bytes, count: int, bits: int, scale: float) -> npt.NDArray[np.complex64]:
