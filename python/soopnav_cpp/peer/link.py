@@ -1,9 +1,9 @@
 """One connection of two receivers: hello, proof, what each listens to, then messages. No input or output of its own.
 
 States: ``greeting`` (hello said), ``proving`` (both hellos are there, so are the keys), ``informing`` (the peer has
-proved that it knows the key), ``open``, ``closed``. Until the peer's `Info` is there, what was said is said again
-every `retry_s`; an `Info` that does not answer one's own is answered. So the beginning of a session survives lost
-messages.
+proved that it knows the key), ``open`` (both know what the other listens to, and this end knows that they do),
+``closed``. Until it is open, what was said is said again every `retry_s`, and an `Info` that does not answer one's own
+is answered. So the beginning of a session survives lost messages.
 """
 
 from __future__ import annotations
@@ -72,6 +72,7 @@ class Link:
         random: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.role = role
+        self._was_open = False
         self.state = "greeting"
         self.peer: Info | None = None
         self.refusal = ""
@@ -97,6 +98,11 @@ class Link:
     def closed(self) -> bool:
         """Whether nothing more comes of this connection."""
         return self.state == "closed"
+
+    @property
+    def opened(self) -> bool:
+        """Whether there was a session, be it over."""
+        return self._was_open
 
     @property
     def waiting_bytes(self) -> int:
@@ -171,18 +177,27 @@ class Link:
         else:
             self._heard = now
             if isinstance(message, Info):
-                if self.state != "open":
-                    self.peer = message
-                    self.state = "open"
-                    self._inform(now)
-                elif not message.answers:
-                    self._inform(now)
-            elif self.state != "open":
+                self._take_info(message, now)
+            elif self.peer is None:
                 self._refused["unexpected"] += 1
             else:
+                self._open()  # the peer would not speak without knowing this end's info
                 if isinstance(message, Bye):
                     self.bye = message
                 taken.append(message)
+
+    def _take_info(self, info: Info, now: float) -> None:
+        """A session is open once this end has the peer's info and knows that the peer has its own."""
+        self.peer = self.peer or info
+        if self.state == "informing" and info.answers:
+            self._open()
+            self._inform(now)
+        elif not info.answers:
+            self._inform(now)
+
+    def _open(self) -> None:
+        self.state = "open"
+        self._was_open = True
 
     def _take_hello(self, hello: Hello, body: bytes) -> None:
         if self._keys is not None:

@@ -287,7 +287,7 @@ class Session:
                 link = await self._talk(reader, writer)
                 if link.refusal:
                     raise PeerRefusedError(link.refusal)
-                if link.peer is not None:
+                if link.opened:
                     backoff_s = self._options.first_backoff_s
                 else:
                     self.traffic.attempts += 1
@@ -335,7 +335,7 @@ class Session:
                     break
                 read = asyncio.create_task(reader.read(_READ_BYTES))
                 said = link.receive(data, self._clock())
-                if greeting and link.peer is not None and not link.closed:
+                if greeting and link.state == "open":
                     greeting = False
                     self._greeting -= 1
                     self._begin(link)
