@@ -1,4 +1,4 @@
-"""Draws the simulated figures of docs/lte.md and docs/ofdm_inertial.md into docs/images.
+"""Draws the simulated figures of the pages into docs/images.
 
 demo_scan.png and demo_map.png are those of tools/demo.
 
@@ -21,6 +21,7 @@ import numpy as np
 
 import soopnav_cpp as sn
 import soopnav_cpp.scenarios.metrics
+import two_receivers_figures
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -255,6 +256,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=60)
     runs = parser.parse_args().runs
     IMAGES.mkdir(exist_ok=True)
+    two_receivers_figures.main()
     source_figures()
     calibration_figure()
     boundary_curve(runs)

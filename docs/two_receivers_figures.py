@@ -154,9 +154,26 @@ def signs() -> None:
     plt.close(figure)
 
 
+def runs() -> None:
+    """The first runs of the gallery's two scenarios: clock and place of one that stands, the map of one that drives."""
+    from soopnav_cpp import plotting, scenarios
+    from soopnav_cpp.scenarios import cooperative_figures as drawing
+    from soopnav_cpp.scenarios.execution import seed_of_run
+
+    for name in ("static", "drive"):
+        system, scenario = scenarios.load(IMAGES.parents[1] / "examples" / "scenarios" / f"mei_{name}.toml")
+        run: Any = system.run(scenario, seed_of_run(scenario, 1))
+        if name == "static":
+            drawing.clock_and_position(run).savefig(IMAGES / "two_receivers_static.png", dpi=90)
+            drawing.measurement_errors(run).savefig(IMAGES / "two_receivers_measurements.png", dpi=90)
+        else:
+            plotting.trajectory(run).savefig(IMAGES / "two_receivers_drive.png", dpi=80)
+
+
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     signs()
+    runs()
 
 
 if __name__ == "__main__":

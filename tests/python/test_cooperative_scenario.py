@@ -58,6 +58,17 @@ def test_a_driving_target_is_followed_by_velocity_states() -> None:
     assert np.median(horizontal_m(run)[-30:]) < 1000.0
 
 
+def test_a_drive_is_held_by_two_motions_and_lost_by_one_that_stands() -> None:
+    system, scenario = scenarios.load(ROOT / "examples" / "scenarios" / "mei_drive.toml")
+    scenario = scenario.model_copy(update={"stage": "drawn", "duration_s": 200.0})
+    run: Any = system.run(scenario, 4)
+    error = horizontal_m(run)
+    lost = np.linalg.norm((run.baselines["taken to stand still"] - run.truth.position_m)[:, :2], axis=1)
+    assert len(run.t_s) == len(run.campaign) == 200
+    assert np.sqrt(np.mean(error[60:] ** 2)) < 300.0
+    assert np.sqrt(np.mean(lost[60:] ** 2)) > 3.0 * np.sqrt(np.mean(error[60:] ** 2))
+
+
 def test_from_iq(tmp_path: Path) -> None:
     """The whole chain by the command, shortened: 110 bursts, a start from 90."""
     text = EXAMPLE.replace("duration_s = 300.0", "duration_s = 110.0").replace("= 240.0", "= 100.0")
@@ -96,7 +107,8 @@ def test_refuses(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     assert message in str(refused.value)
 
 
-def test_gallery_loads() -> None:
-    system, scenario = scenarios.load(ROOT / "examples" / "scenarios" / "mei_static.toml")
+@pytest.mark.parametrize("name", ["mei_static", "mei_drive"])
+def test_gallery_loads(name: str) -> None:
+    system, scenario = scenarios.load(ROOT / "examples" / "scenarios" / f"{name}.toml")
     assert system.name == "cooperative"
     assert scenario.runs == 20

@@ -25,6 +25,7 @@ __all__ = ["BurstSettings", "ClockSettings", "Cooperative", "CooperativeScenario
 _Array = npt.NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+_START_SIGMA = np.array([30.0, 30.0, 10.0, 1.0, 1.0, 0.1, 300.0, 0.1])  # east, north, up; theta, alpha
 _STATES = ("x_m", "y_m", "z_m", "vx_mps", "vy_mps", "vz_mps", "theta_m", "alpha_mps")
 
 
@@ -97,14 +98,18 @@ class TrackerSettings(Model):
     Attributes
     ----------
     motion : str
-        "static", "nearly_constant_velocity", or "imm" for both a steady and a manoeuvring target.
+        "static", "nearly_constant_velocity", or "imm": now calm, now manoeuvring.
+    start : str
+        "batch": from the first bursts alone; "known": place, velocity and clock as five minutes at rest leave them,
+        30 m, 1 m/s, 300 m and 0.1 m/s off, drawn.
     start_bursts : int
-        Of the batch that it starts from.
+        Of the batch.
     start_off_m : float
-        How far from the target the search begins, in a direction that is drawn.
+        How far from the target the batch's search begins, in a direction that is drawn.
     """
 
     motion: Literal["static", "nearly_constant_velocity", "imm"] = "static"
+    start: Literal["batch", "known"] = "batch"
     start_bursts: Annotated[int, Field(ge=10, le=2000)] = 90
     start_off_m: Annotated[float, Field(ge=0.0, le=500e3)] = 50e3
 
@@ -129,7 +134,7 @@ class CooperativeScenario(Scenario):
     @pydantic.model_validator(mode="after")
     def _fits(self) -> CooperativeScenario:
         count = math.floor(self.duration_s / self.bursts.interval_s)
-        if count < self.tracker.start_bursts + 2:
+        if self.tracker.start == "batch" and count < self.tracker.start_bursts + 2:
             raise ValueError(
                 f"duration_s: {count} bursts; more than tracker.start_bursts = {self.tracker.start_bursts} expected"
             )
@@ -170,7 +175,7 @@ class PairRun(SystemRun):
     dimension : int
         Of `nees`.
     start_error_m : float
-        Horizontal, of the batch.
+        Horizontal.
     """
 
     campaign: Campaign
@@ -262,33 +267,58 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
         carrier_hz=np.full(len(campaign), world.carrier_hz),
         anchor_position_e_m=world.anchor_p_e,
     )
-    count = settings.start_bursts
+    count = settings.start_bursts if settings.start == "batch" else 0
     if len(bursts) < count + 2:
-        raise ValueError(f"{len(bursts)} bursts were measured; more than tracker.start_bursts = {count} are needed")
+        raise ValueError(f"{len(bursts)} bursts were measured; more than {count} are needed")
     frame = geometry.LocalFrame(
         math.radians(scenario.pair.latitude_deg), math.radians(scenario.pair.longitude_deg), scenario.pair.height_m
     )
     origin = frame.position_to_ecef(np.zeros(3))
     axes = frame.position_to_ecef(np.eye(3)) - origin  # rows: east, north, up in ECEF
-    away = np.random.default_rng([seed, 0x6D65_6910]).uniform(0.0, 2.0 * math.pi)
-    guess = world.position_e_m[0] + settings.start_off_m * (math.sin(away) * axes[0] + math.cos(away) * axes[1])
-    tracker = navigation.CooperativeTracker(
-        world.beacons,
-        target_clock=clock,
-        anchor_clock=clock,
-        motion=settings.motion,
-        height_m=world.height_m,
-        height_sigma_m=scenario.pair.height_sigma_m,
-    )
-    start = tracker.start(bursts[:count], guess_e_m=guess)
-    if not tracker.started:
-        raise ValueError(f"the batch of {count} bursts gave no start: {start.status}")
-    track = tracker.run(bursts[count:])
-
-    row = campaign.row[count:]
+    rng = np.random.default_rng([seed, 0x6D65_6910])
     turn = np.zeros((8, 8))
     turn[:3, :3] = turn[3:6, 3:6] = axes
     turn[6:, 6:] = np.eye(2)
+
+    def started(motion: str) -> navigation.CooperativeTracker:
+        options: dict[str, Any] = {
+            "target_clock": clock,
+            "anchor_clock": clock,
+            "height_m": world.height_m,
+            "height_sigma_m": scenario.pair.height_sigma_m,
+        }
+        if motion == "imm":
+            return navigation.ManoeuvringTracker(world.beacons, **options)
+        return navigation.CooperativeTracker(world.beacons, motion=motion, **options)
+
+    tracker, baselines = started(settings.motion), {}
+    if settings.start == "batch":
+        away = rng.uniform(0.0, 2.0 * math.pi)
+        guess = world.position_e_m[0] + settings.start_off_m * (math.sin(away) * axes[0] + math.cos(away) * axes[1])
+        start = tracker.start(bursts[:count], guess_e_m=guess)
+        if not tracker.started:
+            raise ValueError(f"the batch of {count} bursts gave no start: {start.status}")
+        begun = np.asarray(start.mean)[:3] - world.position_e_m[campaign.row[count - 1]]
+        track = tracker.run(bursts[count:])
+    else:
+        at_zero = [np.asarray(x, np.float64).reshape(3) for x in world.target.at(0.0)]
+        true_start = np.concatenate([*at_zero, [world.theta_m[0], world.alpha_mps[0]]])
+        true_start[6] -= world.alpha_mps[0] * campaign.t_s[0]
+        error = turn.T @ (_START_SIGMA * rng.standard_normal(8))
+        covariance_start = turn.T @ np.diag(_START_SIGMA**2) @ turn
+        begun = error[:3]
+        tracker.start_at(0.0, true_start + error, covariance_start)
+        track = tracker.run(bursts)
+        if settings.motion != "static":
+            still = started("static")
+            mean = true_start + error
+            mean[3:6] = 0.0
+            covariance_start[3:6, :] = covariance_start[:, 3:6] = 0.0
+            covariance_start[3:6, 3:6] = 1e-6 * np.eye(3)
+            still.start_at(0.0, mean, covariance_start)
+            baselines["taken to stand still"] = (still.run(bursts).position_e_m - origin) @ axes.T
+
+    row = campaign.row[count:]
     state = track.mean @ turn.T
     state[:, :3] -= axes @ origin
     true = np.column_stack(
@@ -298,7 +328,6 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
     truth[:, :3] -= axes @ origin
     covariance = turn @ track.covariance @ turn.T
     states = [0, 1, 2, 6, 7] if settings.motion == "static" else list(range(8))
-    begun = np.asarray(start.mean)[:3] - world.position_e_m[campaign.row[count - 1]]
     note = f"{len(world.start_s) - len(campaign)} of {len(world.start_s)} bursts were not detected"
     return PairRun(
         t_s=track.t_s,
@@ -317,6 +346,7 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
             status=np.array([use.name for use in track.use]),
             source_names=tuple(f"satellite {i + 1}" for i in range(len(world.beacons))),
         ),
+        baselines=baselines,
         sources={"anchor": np.zeros(3)},
         notes=(note,) if len(campaign) < len(world.start_s) else (),
         origin_lla_deg=(scenario.pair.latitude_deg, scenario.pair.longitude_deg, scenario.pair.height_m),
