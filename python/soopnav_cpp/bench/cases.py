@@ -13,6 +13,7 @@ from soopnav_cpp.bench.aperture_cases import APERTURE_CASES
 from soopnav_cpp.bench.ground_cases import GROUND_CASES
 from soopnav_cpp.bench.handset_cases import HANDSET_CASES
 from soopnav_cpp.bench.harness import Case, Data, Peer, Prepare
+from soopnav_cpp.bench.iridium_cases import IRIDIUM_CASES
 from soopnav_cpp.bench.source_cases import SOURCE_CASES
 from soopnav_cpp.bench.vision_cases import VISION_CASES
 
@@ -217,5 +218,6 @@ CASES: tuple[Case, ...] = (
     *GROUND_CASES,
     *APERTURE_CASES,
     *VISION_CASES,
+    *IRIDIUM_CASES,
     MUSIC,
 )
