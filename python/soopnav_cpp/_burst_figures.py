@@ -85,7 +85,7 @@ def burst_spectrogram(
     unit_hz = 1e6 if center_frequency_hz else 1e3
     offset = (frequencies + center_frequency_hz) / unit_hz
     half = 0.5 * (offset[1] - offset[0])
-    duration_ms = 1e3 * iq.size / sample_rate_hz
+    duration_ms = 1e3 * max(iq.size / sample_rate_hz, column_s)
     low, high = -3.0, float(np.clip(np.percentile(level, 99.9), 12.0, 45.0))
     image = axes.imshow(
         level,
@@ -119,6 +119,7 @@ def burst_spectrogram(
                 fontsize=8,
                 color=colour,
             )
+    axes.set_facecolor(image.cmap(0.0))
     axes.set_xlim(0.0, duration_ms)
     axes.set_ylim(offset[0] - half, offset[-1] + half)
     axes.ticklabel_format(axis="y", useOffset=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import numpy.typing as npt
 import pytest
 import scipy.signal
 from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import soopnav_cpp as sn
 from soopnav_cpp.cli.app import cli
@@ -155,6 +158,27 @@ def test_bad_input() -> None:
         ir.detect_bursts(np.zeros(1000, np.complex64), 1e3)
     with pytest.raises(ValueError, match="false_alarms_per_s = 0 must be"):
         ir.detect_bursts(np.zeros(1000, np.complex64), 1e6, false_alarms_per_s=0.0)
+
+
+@pytest.mark.fuzz
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(0, 30_000),
+    rate_hz=st.floats(50e3, 3e6),
+    scale=st.floats(1e-25, 1e25),
+    bad=st.lists(st.tuples(st.integers(0, 29_999), st.sampled_from([np.nan, np.inf, -np.inf, 3e38])), max_size=5),
+)
+def test_any_samples_are_taken(seed: int, n: int, rate_hz: float, scale: float, bad: list[tuple[int, float]]) -> None:
+    iq = (noise(n, seed) * np.float32(scale)).astype(np.complex64)
+    for place, value in bad:
+        if place < n:
+            iq[place] = value
+    for signal in ir.detect_bursts(iq, rate_hz, false_alarms_per_s=100.0, all_signals=True):
+        numbers = (signal.start_s, signal.duration_s, signal.frequency_hz, signal.frequency_sigma_hz)
+        assert all(math.isfinite(v) for v in (*numbers, signal.bandwidth_hz, signal.snr_db))
+        assert 0.0 <= signal.start_s <= signal.start_s + signal.duration_s <= n / rate_hz + 1e-9
+        assert abs(signal.frequency_hz) < 0.5 * rate_hz + 25e3
 
 
 @pytest.fixture(scope="module")

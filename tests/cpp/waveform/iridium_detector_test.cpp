@@ -79,6 +79,24 @@ TEST(BurstDetector, TellsNeighbouringChannelsAndSlotsApart) {
   EXPECT_NEAR(found[3].snr_db, 15.0, 1.5);
 }
 
+TEST(BurstDetector, IsNotDrawnToAStrongerNeighbour) {
+  // Doppler brings channels nearer than their spacing; the neighbour begins while the test still remembers the first.
+  for (const double apart_hz : {33e3, 36e3, 42e3}) {
+    for (std::uint64_t seed = 0; seed < 4; ++seed) {
+      Scene heard(500e3, 0.2, 60 + seed);
+      heard.add(Burst::make(BurstKind::kDuplex, RandomStream(61).substream(seed)), 0.1, 50e3, 6.0);
+      heard.add(Burst::make(BurstKind::kDuplex, RandomStream(62).substream(seed)), 0.1090, 50e3 - apart_hz, 20.0);
+      const auto found = found_in(heard.iq, {.sample_rate_hz = 500e3});
+      ASSERT_EQ(found.size(), 2U) << apart_hz << ' ' << seed;
+      EXPECT_NEAR(found[0].start_s, 0.1, 0.5e-3);
+      EXPECT_NEAR(found[0].frequency_hz, 50e3, 3e3);
+      EXPECT_NEAR(found[1].start_s, 0.1090, 0.15e-3);
+      EXPECT_NEAR(found[1].duration_s, kDuplexSlotS, 0.25e-3);
+      EXPECT_NEAR(found[1].frequency_hz, 50e3 - apart_hz, 20.0);
+    }
+  }
+}
+
 TEST(BurstDetector, FlagsTonesAndWhatDoesNotEnd) {
   Scene heard(500e3, 0.6, 3);
   heard.tone(0.2, 0.015, -50e3, 10.0);
@@ -247,6 +265,8 @@ TEST(BurstDetector, RefusesBadOptions) {
   EXPECT_NE(refusal({.center_frequency_hz = std::nan("")}), "");
   EXPECT_EQ(refusal({.false_alarms_per_s = 0.0}), "false_alarms_per_s = 0 must be in 1e-9 ... 100");
   EXPECT_NE(refusal({.max_burst_s = 2.0}), "");
+  EXPECT_EQ(refusal({.sample_rate_hz = 100e6, .max_burst_s = 0.5}),
+            "max_burst_s = 0.5 must be at most 20e6 samples at this sample_rate_hz");
   EXPECT_EQ(refusal({.sample_rate_hz = 50e3}), "");
   EXPECT_EQ(refusal({.sample_rate_hz = 1.234567e6}), "");
 }

@@ -67,6 +67,8 @@ void DetectorOptions::check() const {
   require(false_alarms_per_s >= 1e-9 && false_alarms_per_s <= 100.0, "false_alarms_per_s", false_alarms_per_s,
           "must be in 1e-9 ... 100");
   require(max_burst_s >= 0.02 && max_burst_s <= 1.0, "max_burst_s", max_burst_s, "must be in 0.02 ... 1");
+  require(max_burst_s * sample_rate_hz <= 20e6, "max_burst_s", max_burst_s,
+          "must be at most 20e6 samples at this sample_rate_hz");
 }
 
 struct BurstDetector::Impl {
@@ -354,7 +356,10 @@ struct BurstDetector::Impl {
         moment += excess * static_cast<double>(k);
       }
       if (!(total > 0.0)) break;
-      centre = std::clamp(moment / total, static_cast<double>(first), static_cast<double>(last));
+      // No further than the test's own width: beyond lies another signal.
+      const double reach_bins = 1.25 * static_cast<double>(half_band), from_bin = static_cast<double>(c.bin);
+      centre = std::clamp(moment / total, std::max(from_bin - reach_bins, 0.0),
+                          std::min(from_bin + reach_bins, static_cast<double>(size - 1)));
       const auto next = static_cast<std::size_t>(std::lround(centre));
       if (next == middle) break;
       middle = next;
@@ -366,7 +371,14 @@ struct BurstDetector::Impl {
     const std::uint64_t oldest = frames > rows ? frames - rows : 0;
     const std::uint64_t from = std::max<std::uint64_t>(c.first + 1 > span ? c.first + 1 - span : 0, oldest);
     const std::uint64_t to = std::min<std::uint64_t>(c.last, frames - 1);
-    const double centre = centre_of(c, from, to);
+    // A mean of `span` spectra first rises above the threshold when so many of them hold the signal, and falls below it
+    // when as few are left: the carrier is sought in the spectra that do, as others may hold a neighbour.
+    const double share = std::clamp((threshold - 1.0) / std::max(c.level - 1.0, 1e-3), 0.0, 1.0);
+    const auto needed = static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(span)));
+    const bool early = c.first < span, late = goes_on || c.last + 1 >= frames;
+    const std::uint64_t held_from = early ? from : std::max(from, c.first + 1 - std::max<std::uint64_t>(needed, 1));
+    const std::uint64_t held_to = late ? to : std::min(to, std::max(held_from, c.last + needed - span));
+    const double centre = centre_of(c, held_from, held_to);
     const double baseband = (centre - static_cast<double>(size / 2)) * bin_hz;
     const auto bin = std::min(size - 1, static_cast<std::size_t>(centre));
 
