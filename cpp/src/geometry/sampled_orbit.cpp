@@ -15,6 +15,7 @@ constexpr double kOmega = wgs84::kEarthRateRadps;
 constexpr double kC = kSpeedOfLightMps;
 constexpr int kMostTurns = 20;
 constexpr double kDelayToleranceS = 3e-18;  // 1 nm; a step this short is rounding
+constexpr double kTimeRounding = 1e-20;     // of a time [s/s]: its last digit by the delay's rate, 3e-5 of a satellite
 
 // Turns coordinates of the ECEF axes into those `seconds` later (doc/orbits.md eq. 2).
 Eigen::Vector3d turned(const Eigen::Vector3d& v, double c, double s) noexcept {
@@ -46,7 +47,7 @@ bool solve(const SampledOrbit& orbit, double t_receive_s, const Eigen::Vector3d&
     if (!std::isfinite(next_s)) return false;
     const double step_s = std::abs(next_s - delay_s);
     delay_s = next_s;
-    if (step_s > kDelayToleranceS + 4e-16 * delay_s) continue;
+    if (step_s > kDelayToleranceS + 4e-16 * delay_s + kTimeRounding * std::abs(received_s)) continue;
     if (!orbit.is_fixed()) {
       const double sent_s = received_s - lag_s;
       if (!(sent_s >= 0.0 && sent_s <= orbit.end_s() - orbit.start_s())) return false;
