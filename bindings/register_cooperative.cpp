@@ -94,6 +94,7 @@ PairStartOptions search_options(const py::dict& given, bool whole) {
   read("min_bursts", o.min_bursts);
   read("ambiguous_chi_square", o.ambiguous_chi_square);
   read("alpha_sigma_mps", o.alpha_sigma_mps);
+  read("max_sigma_m", o.max_sigma_m);
   read.done();
   return o;
 }
@@ -162,6 +163,7 @@ void register_pair_results(py::module_& m) {
   py::native_enum<PairStartStatus>(m, "PairStartStatus", "enum.Enum", "How a start from a batch of bursts ended.")
       .value("FOUND", PairStartStatus::kFound)
       .value("AMBIGUOUS", PairStartStatus::kAmbiguous)
+      .value("VAGUE", PairStartStatus::kVague)
       .value("POOR_FIT", PairStartStatus::kPoorFit)
       .value("NOT_CONVERGED", PairStartStatus::kNotConverged)
       .value("NO_VIEW", PairStartStatus::kNoView)

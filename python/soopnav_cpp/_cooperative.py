@@ -338,13 +338,14 @@ class CooperativeTracker:
         **search
             ``guess_e_m`` (the anchor: middle of the search), ``search_radius_m`` (3e6; 0: from the guess alone),
             ``cell_m`` (2e5: of the grid), ``candidates`` (8), ``min_bursts`` (10), ``ambiguous_chi_square`` (12),
-            ``alpha_sigma_mps`` (3e3).
+            ``alpha_sigma_mps`` (3e3), ``max_sigma_m`` (2e4: of the place, beyond which it is vague).
 
         Returns
         -------
         PairStart
             ``status``, ``mean``, ``covariance``, ``t_s``, ``chi_square``, ``degrees_of_freedom``, ``alternatives``,
-            ``used``. The tracker is started unless it found nothing.
+            ``used``. The tracker is started where a place was found, ambiguous and poorly fitting ones included: with
+            few satellites gather more bursts until ``ok``.
         """
         return self._core.start(bursts.rows(), _search(search))  # type: ignore[no-any-return]
 

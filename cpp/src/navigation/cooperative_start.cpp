@@ -274,6 +274,8 @@ std::string_view to_string(PairStartStatus status) noexcept {
       return "found";
     case PairStartStatus::kAmbiguous:
       return "ambiguous";
+    case PairStartStatus::kVague:
+      return "vague";
     case PairStartStatus::kPoorFit:
       return "poor fit";
     case PairStartStatus::kNotConverged:
@@ -306,6 +308,7 @@ void PairStartOptions::check() const {
   positive("cell_m", cell_m);
   positive("ambiguous_chi_square", ambiguous_chi_square);
   positive("alpha_sigma_mps", alpha_sigma_mps);
+  positive("max_sigma_m", max_sigma_m);
   if (!(height_sigma_m > 0.0)) refuse("height_sigma_m", height_sigma_m, "a positive number or infinity expected");
   if (!(std::abs(height_m) <= 1e5)) refuse("height_m", height_m, "-1e5 ... 1e5 expected");
   if (!(std::abs(mask_rad) < kPi / 2)) refuse("mask_rad", mask_rad, "between -pi/2 and pi/2 expected");
@@ -411,9 +414,10 @@ PairStart start_pair(std::span<const geometry::SampledOrbit> beacons, std::span<
                                                       [&](const PairSolution& s) { return near(s.mean); });
     if (!known) result.alternatives.push_back(solution(f.pass));
   }
-  result.status = !fits(best)                    ? PairStartStatus::kPoorFit
-                  : !result.alternatives.empty() ? PairStartStatus::kAmbiguous
-                                                 : PairStartStatus::kFound;
+  result.status = !fits(best)                      ? PairStartStatus::kPoorFit
+                  : !result.alternatives.empty()   ? PairStartStatus::kAmbiguous
+                  : !(sigma < options.max_sigma_m) ? PairStartStatus::kVague
+                                                   : PairStartStatus::kFound;
   return result;
 }
 

@@ -191,7 +191,9 @@ PairStart CooperativeTracker::start(std::span<const PairMeasurement> measurement
     if (options_.orbit_sigma_m > 0.0) search.orbit_sigma_m.push_back(orbit_sigma_m(beacon, t_s));
   }
   PairStart found = start_pair(orbits, measurements, search);
-  if (found.best.mean.allFinite()) start_at(found.t_s, found.best.mean, found.best.covariance);
+  if (found.best.mean.allFinite() && found.status != PairStartStatus::kVague) {
+    start_at(found.t_s, found.best.mean, found.best.covariance);
+  }
   return found;
 }
 

@@ -18,6 +18,7 @@ namespace soopnav::navigation {
 enum class PairStartStatus : std::uint8_t {
   kFound,         ///< one place fits
   kAmbiguous,     ///< so does another: see `alternatives`
+  kVague,         ///< the bursts leave the place open by more than `max_sigma_m`: more of them are needed
   kPoorFit,       ///< the best place does not explain the bursts within their covariances
   kNotConverged,  ///< no candidate came to rest
   kNoView,        ///< no place searched sees the beacons
@@ -38,8 +39,9 @@ struct PairStartOptions {
   int candidates = 8;                          ///< best cells that are followed, 1 ... 64
   int min_bursts = 10;                         ///< >= 3
   double ambiguous_chi_square = 12.0;          ///< another place whose chi-square is no more than this above the best's
-  double mask_rad = 0.0;                       ///< satellites below are not used
-  double alpha_sigma_mps = 3e3;                ///< prior of alpha about what the FDOA says, > 0 (3e3: 10 ppm)
+  double max_sigma_m = 2e4;      ///< of the place, beyond which it is vague: no filter could be linearised there, > 0
+  double mask_rad = 0.0;         ///< satellites below are not used
+  double alpha_sigma_mps = 3e3;  ///< prior of alpha about what the FDOA says, > 0 (3e3: 10 ppm)
 
   double anchor_drift_mps = 0.0;        ///< c times the anchor's own skew where it is known
   std::vector<double> orbit_sigma_m{};  ///< along-track error of each beacon, added to R; empty: orbits are exact

@@ -111,7 +111,7 @@ class CooperativeTracker {
   /// Starts from a known mean and positive definite covariance (std::invalid_argument otherwise) at `t_s`.
   void start_at(double t_s, const PairVector& mean, const PairSquare& P);
   /// Starts from bursts alone (`start_pair`; clocks, height, mask and motion are the tracker's) and restarts the engine
-  /// at the last of them, unless the status is kTooFew, kNoView or kNotConverged.
+  /// at the last of them, where there is one place to stand at: kFound, kAmbiguous or kPoorFit.
   PairStart start(std::span<const PairMeasurement> measurements, PairStartOptions search = {});
 
   /// Takes a burst in. A negative step of time is refused, none is not: two beacons may be heard at once.
