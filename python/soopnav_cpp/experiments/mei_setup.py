@@ -73,6 +73,8 @@ class Setup:
         Of both receivers, independent.
     bias_s, drift : float
         Theta / c at time 0 is uniform within +-bias_s, alpha / c within +-drift; so are the anchor's own.
+    skew : float or None
+        Alpha / c at time 0 as it is, in place of a draw.
     height_sigma_m : float
         Of what is known about the target's height: one draw for all of the campaign.
     motion : "static", "drive" or SampledOrbit
@@ -93,6 +95,7 @@ class Setup:
     clock: TwoState = OCXO
     bias_s: float = 1e-3
     drift: float = 1e-6
+    skew: float | None = None
     height_sigma_m: float = 10.0
     motion: Literal["static", "drive"] | SampledOrbit = "static"
     burst_s: float = 32.5e-3
@@ -316,6 +319,8 @@ def make_world(setup: Setup, seed: int) -> World:
         known = [_ahead(orbit, setup.along_track_m * rng.standard_normal()) for orbit in sky]
 
     bias, drift = rng.uniform(-setup.bias_s, setup.bias_s, 2), rng.uniform(-setup.drift, setup.drift, 2)
+    if setup.skew is not None:
+        drift[0] = setup.skew
     tracks = []
     for stream, (b, d) in enumerate(((bias[0] + bias[1], drift[0] + drift[1]), (bias[1], drift[1]))):
         series = setup.clock.simulate_at(
