@@ -11,6 +11,7 @@
 #include "navigation/cooperative_sight.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/estimation/chi_square.hpp"
+#include "soopnav/estimation/detail/small_matrix.hpp"
 #include "soopnav/geometry/wgs84.hpp"
 
 namespace soopnav::navigation {
@@ -25,6 +26,7 @@ constexpr double kFreeSigmaM = 1e7;     // of a position that nothing is known o
 constexpr double kPinnedSigmaM = 1e-3;  // of one that is given
 constexpr double kOutlierProbability = 1e-6;
 constexpr int kMostIterations = 40;
+constexpr double kSameSigmas = 5.0;  // solutions nearer to each other are one
 
 // A burst that is used.
 struct Burst {
@@ -409,7 +411,14 @@ PairStart start_pair(std::span<const geometry::SampledOrbit> beacons, std::span<
   const double sigma = std::sqrt(best.P.topLeftCorner<3, 3>().trace());
   for (const Found& f : found) {
     if (f.pass.chi_square > best.chi_square + options.ambiguous_chi_square) break;
-    const auto near = [&](const PairVector& mean) { return (mean - f.pass.mean).head<3>().norm() < 1e3 + 3.0 * sigma; };
+    // One and the same where the best one's own covariance says so, in every direction.
+    const detail::CholeskyFactor<Eigen::Matrix3d> root(Eigen::Matrix3d(best.P.topLeftCorner<3, 3>()));
+    const auto near = [&](const PairVector& mean) {
+      Vector3d apart = (mean - f.pass.mean).head<3>();
+      if (apart.norm() < 100.0) return true;
+      root.whiten(apart);
+      return root.definite && apart.squaredNorm() < kSameSigmas * kSameSigmas;
+    };
     const bool known = near(best.mean) || std::any_of(result.alternatives.begin(), result.alternatives.end(),
                                                       [&](const PairSolution& s) { return near(s.mean); });
     if (!known) result.alternatives.push_back(solution(f.pass));
