@@ -17,6 +17,7 @@ from soopnav_cpp._aperture_simulation import ApertureSnapshots, aperture_snapsho
 from soopnav_cpp._array_link import ArrayLink, FrontEnd, down_convert, far_field_limit_m
 from soopnav_cpp._core import simulation as _simulation
 from soopnav_cpp._core.simulation import BoundarySeries, ImuErrorModel, OfdmLink, SensorErrorModel
+from soopnav_cpp._fm import fm_waveform
 from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._ground_scene import GroundObject, GroundScene, foot_tracks
 from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
@@ -69,6 +70,7 @@ __all__ = [
     "drift_path",
     "excess_delays",
     "far_field_limit_m",
+    "fm_waveform",
     "foot_tracks",
     "free_space_path_loss_db",
     "friis_received_power_dbm",
