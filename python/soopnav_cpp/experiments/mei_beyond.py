@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +93,7 @@ def _draw_ellipses(axes: Axes, spread: dict[str, Spread]) -> None:
         axes.plot(*shown.error_m[:100].T, ".", color=COLOURS[kind], ms=2.5, alpha=0.6)
         points = ellipse_points(error_ellipse(shown.covariance_m2, probability=0.95))
         axes.plot(*points.T, color=COLOURS[kind], lw=1.3, label=LABELS[kind])
-    reach = 3.2 * spread["fm"].rms_m
+    reach = max(3.2 * spread["fm"].rms_m, 1.9 * spread["satellites"].rms_m)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
@@ -156,12 +156,13 @@ def beyond(lab: Lab) -> Iterator[Claim]:
         axes[1, 1].legend(loc="upper left", fontsize="small")
         length_ms, snr_db = 1e3 * mei_beacons.FM_BURST_S, mei_beacons.FM_SNR_DB
         style(axes[1, 1], f"FM, {length_ms:g} ms at {snr_db:g} dB: errors", "TDOA [µs]", "FDOA [Hz]")
+    by_kind: dict[str, Any] = {f"rms_{kind}_m": rms[kind] for kind in KINDS}
     lab.save(
         snr_db=SNRS_DB,
         correlation=measured,
         expected=expected,
         fm_errors=fm,
-        **{f"rms_{kind}_m": rms[kind] for kind in KINDS},
+        **by_kind,
     )
 
     # A correlation of n trials has deviation (1 - r²) / sqrt(n); both noise and its formula's flat spectrum: 0.04.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -161,18 +161,19 @@ def manoeuvre(lab: Lab) -> Iterator[Claim]:
         rows[2, 1].set_ylim(20.0, 1.2e4)
         rows[2, 1].legend(loc="upper left", fontsize="x-small", ncol=2)
         style(rows[2, 1], f"RMS over {len(iq)} drives", "seconds between bursts", "error [m]")
-    table = [
+    table: list[list[float | str]] = [
         [f"{name} {interval:g} s", tracker, rms(runs, tracker), mean_nees(runs, tracker)]
         for (name, interval), runs in [(("iq", 1.0), iq), *drawn.items()]
         for tracker in runs[0].square
     ]
     lab.table(["bursts", "tracker", "rms_m", "nees_of_4"], table)
+    errors: dict[str, Any] = {f"error_{k.replace(' ', '_')}_m": v.error_m for k, v in fast.tracks.items()}
     lab.save(
         t_s=fast.t_s,
         way_m=fast.way_m,
         mode_t_s=modes.t_s,
         manoeuvring=modes.modes[:, 1],
-        **{f"error_{k.replace(' ', '_')}_m": v.error_m for k, v in fast.tracks.items()},
+        **errors,
     )
     yield Claim(
         "bursts made, sent through two channels and two clocks and measured by their cross-ambiguity, one per second: "

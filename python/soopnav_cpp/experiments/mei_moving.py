@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -230,7 +230,7 @@ def tracks(
     world = campaign.world
     bursts = bursts_of(campaign)
     mean, P = start_of(way, world, seed)
-    options = {
+    options: dict[str, Any] = {
         "target_clock": world.setup.clock,
         "anchor_clock": world.setup.clock,
         "gate_probability": 0.0,

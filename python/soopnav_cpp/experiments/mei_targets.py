@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -107,7 +108,7 @@ def errors_of(run: GroupRun, truth: Array) -> Errors:
     P = run.covariance[-1]
     ground = np.array([(axes_at(truth[-1, k, :3]) @ e[8 * k : 8 * k + 3])[:2] for k in range(count)])
 
-    def of(D: Array) -> float:
+    def of(D: npt.NDArray[Any]) -> float:
         x = D @ e
         return float(x @ np.linalg.solve(D @ P @ D.T, x))
 
