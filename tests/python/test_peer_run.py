@@ -33,7 +33,7 @@ FAST = SessionOptions(wait_s=5.0, retry_s=0.05, heartbeat_s=0.1, silence_s=2.0, 
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory) -> mei_peer_setup.PeerWorld:
-    return mei_peer_setup.record(2, tmp_path_factory.mktemp("pair"), duration_s=16.0)
+    return mei_peer_setup.record(2, tmp_path_factory.mktemp("pair"), duration_s=12.0)
 
 
 def place(text: str) -> np.ndarray:
@@ -136,8 +136,8 @@ def test_a_target_goes_on_where_it_was(world, tmp_path: Path) -> None:
     state = tmp_path / "state.json"
     half = tmp_path / "half"
     iq, meta = io.read_iq(world.target)
-    io.write_iq(half, iq[: iq.size // 2], meta.sample_rate_hz, format="ci8", center_frequency_hz=meta.center_frequency_hz,
-                datetime_utc=mei_peer_setup.START)  # fmt: skip
+    tuned = {"center_frequency_hz": meta.center_frequency_hz, "datetime_utc": mei_peer_setup.START}
+    io.write_iq(half, iq[: iq.size // 2], meta.sample_rate_hz, format="ci8", **tuned)
     whole = target_of(world)
     local.run_together(anchor_of(world), whole)
     first = target_of(world, half, state=state)

@@ -95,11 +95,11 @@ def test_few_bits_lose_little_and_the_covariance_knows() -> None:
     for number in range(60):
         wave = iridium.make_burst(iridium.BurstKind.LONG, 3, stream=number, duration_s=0.032)
         delay = float(rng.uniform(-2e-5, 2e-5))
-        a, b = (
-            (1.776 * wave.render(count, 50e3, delay_s=1.5e-3 + d) + noise(count, 1000 + 2 * number + k) / math.sqrt(2.0))
-            .astype(np.complex64)
-            for k, d in enumerate((delay, 0.0))
-        )  # fmt: skip
+        pair = []
+        for k, d in enumerate((delay, 0.0)):
+            clean = 1.776 * wave.render(count, 50e3, delay_s=1.5e-3 + d)
+            pair.append((clean + noise(count, 1000 + 2 * number + k) / math.sqrt(2.0)).astype(np.complex64))
+        a, b = pair
         for bits, found in errors.items():
             scale, data = quantise(b, bits, burst=slice(guard, guard + 1600))
             peak = dsp.cross_ambiguity(
