@@ -19,8 +19,8 @@ from soopnav_cpp.experiments import mei_peer as experiment
 from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
 from soopnav_cpp.peer import local, proxy, report
-from soopnav_cpp.peer.beacons import Beacons, read_beacons
-from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target
+from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
+from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _OwnSkew
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
 from soopnav_cpp.peer.sources import Recording
 from soopnav_cpp.peer.track import Track
@@ -154,6 +154,28 @@ def test_a_target_goes_on_where_it_was(world, tmp_path: Path) -> None:
             target_of(world, state=state)
 
 
+@pytest.mark.slow
+def test_far_off_a_batch_starts_the_track(tmp_path: Path) -> None:
+    far = mei_peer_setup.record(3, tmp_path, duration_s=120.0, off_m=60e3)
+    target = target_of(far, within_m=50e3, batch=90)
+    local.run_together(anchor_of(far), target)
+    assert target.counts["waiting"] >= 89
+    assert target.counts["used"] >= 20
+    assert off(far, target) < 28.0
+
+
+@pytest.mark.unit
+def test_a_batch_waits_until_it_is_long_enough(world) -> None:
+    target = target_of(world, within_m=50e3, batch=12)
+    local.run_together(anchor_of(world), target)
+    assert target.counts["waiting"] >= 9
+    assert len(target.track.history.use) == target.counts["measured"]
+    with pytest.raises(ValueError, match="batch = 3"):
+        target_of(world, batch=3)
+    with pytest.raises(ValueError, match="within_m"):
+        target_of(world, within_m=math.nan)
+
+
 @pytest.mark.unit
 def test_bandwidth_bounds_what_is_sent(world) -> None:
     anchor, target = anchor_of(world, bandwidth_bps=4e3), target_of(world)
@@ -193,7 +215,7 @@ def test_identical_recordings_tones_and_nothing_make_no_track(world, tmp_path: P
     same = target_of(world, world.anchor)
     local.run_together(anchor_of(world, bits=0), same)
     assert same.counts["not measured: identical recordings"] == same.counts["exchanged"] > 0
-    assert not same.track.tracker.started
+    assert not same.track.running
     assert report.summary(same, Traffic())["estimate"] is None
     assert report.figure(same, path=tmp_path / "none.png") is not None
     tone = tmp_path / "tone"
@@ -207,7 +229,7 @@ def test_identical_recordings_tones_and_nothing_make_no_track(world, tmp_path: P
     local.run_together(anchor, target)
     assert anchor.counts["announced"] == 0
     assert anchor.counts["tone"] > 3
-    assert not target.track.tracker.started
+    assert not target.track.running
 
 
 @pytest.mark.unit
@@ -222,10 +244,9 @@ def test_beacons_are_told_by_channel_and_doppler(world) -> None:
             heard = 1626270833.3 * (1.0 - float(path.delay_rate)) * (1.0 - skew)
             found = beacons.candidates(t, heard, here, skew=2e-6, sigma_hz=20.0, within_m=0.0)
             assert index in [c.index for c in found]
-            close = beacons.candidates(t, heard, here, skew=1e-8, sigma_hz=5.0, within_m=0.0, known_skew=skew)
-            mine = next(c for c in close if c.index == index)
+            mine = next(c for c in found if c.index == index)
             assert mine.carrier_hz == pytest.approx(1626270833.3, abs=1.0)
-            assert abs(mine.residual_hz) < 1.0
+            assert mine.residual_hz / mine.carrier_hz == pytest.approx(-skew, abs=1e-9)
         assert not beacons.candidates(t, 1600e6, here, skew=2e-6, sigma_hz=20.0, within_m=0.0)
     mast = Beacons({"FM@101.7e6": geometry.SampledOrbit.fixed(here * 1.00001)}, 0.0)
     assert [
@@ -236,6 +257,28 @@ def test_beacons_are_told_by_channel_and_doppler(world) -> None:
         Beacons({"FM@loud": geometry.SampledOrbit.fixed(here)}, 0.0)
     with pytest.raises(ValueError, match="no beacons"):
         Beacons({}, 0.0)
+
+
+@pytest.mark.unit
+def test_bursts_of_two_satellites_tell_the_anchors_skew() -> None:
+    """Each burst fits both; the right one of each has the same skew, the wrong ones differ."""
+
+    def burst(*skews: float) -> list[Candidate]:
+        return [Candidate(i, f"S{i}", 1.62e9, -1.62e9 * skew) for i, skew in enumerate(skews)]
+
+    skew = _OwnSkew()
+    for k in range(8):
+        skew.take(burst(0.4e-6, 1.1e-6))  # all of the first satellite: its wrong skew is always there too
+        assert skew.known is None, k
+    for _ in range(8):
+        skew.take(burst(-0.5e-6, 0.4e-6))
+    assert skew.known == pytest.approx(0.4e-6)
+    assert [c.index for c in skew.agree(burst(-0.5e-6, 0.4e-6))] == [1]
+    skew.take([])
+    assert skew.known is not None
+    for k in range(60):  # the clock jumps
+        skew.take(burst(-0.2e-6) if k % 2 else burst(-0.2e-6, 0.3e-6 + 1e-8 * k))
+    assert skew.known == pytest.approx(-0.2e-6)
 
 
 # ---- the command

@@ -24,7 +24,7 @@ head -c 32 /dev/urandom | base64 > pair/key && chmod 600 pair/key
 soopnav peer --role anchor --source pair/anchor.sigmf-meta --listen unix:pair/socket \\
   --key-file pair/key --orbits pair/satellites.csv --at 60.2,25.0,20 &
 soopnav peer --role target --source pair/target.sigmf-meta --connect unix:pair/socket \\
-  --key-file pair/key --orbits pair/satellites.csv --at 60.25,25.1,20 --within 20000 --out pair/track
+  --key-file pair/key --orbits pair/satellites.csv --at 60.25,25.1,35 --height-sigma 10 --out pair/track
 wait
 """
 _CLOCKS = {"none": None, "ocxo": (8e-20, 4e-23), "tcxo": (2e-19, 2e-20)}
@@ -208,7 +208,7 @@ def _status(session: Any, end: Any, elapsed_s: float) -> str:
         return f"{line}, {counts['announced']} announced, {counts['exchanged']} handed over"
     line += f", {counts['exchanged']} exchanged, {counts['used']} used"
     tracker = end.track.tracker
-    if tracker.started:
+    if end.track.running:
         line += f"  ± {math.sqrt(max(0.0, float(tracker.covariance[:3, :3].trace()))):.0f} m"
     return line
 

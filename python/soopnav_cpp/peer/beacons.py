@@ -35,7 +35,7 @@ class Candidate:
     carrier_hz : float
         As sent.
     residual_hz : float
-        What was heard less what was expected.
+        What was heard less what was expected, by a perfect clock.
     """
 
     index: int
@@ -95,7 +95,6 @@ class Beacons:
         skew: float,
         sigma_hz: float,
         within_m: float,
-        known_skew: float = 0.0,
     ) -> list[Candidate]:
         """Beacons above the mask whose carrier would be heard at `received_hz`, nearest first.
 
@@ -107,7 +106,7 @@ class Beacons:
         p_e : ndarray, shape (3,)
             Receiver, ECEF.
         skew : float
-            The receiver's clock differs from `known_skew` by no more.
+            Largest of the receiver's clock.
         sigma_hz : float
             Of `received_hz`.
         within_m : float
@@ -131,7 +130,7 @@ class Beacons:
                 carrier, reach_m = iridium.channel_frequency_hz(channel), within_m
             moved_hz = carrier * _LEO_SPEED_MPS / _LIGHT_MPS * min(1.0, 1.5 * reach_m / float(path.range_m))
             tolerance = skew * carrier + moved_hz + 5.0 * sigma_hz + 50.0
-            residual = received_hz - carrier * factor + carrier * known_skew  # a fast clock hears lower
+            residual = received_hz - carrier * factor  # a fast clock hears lower
             if abs(residual) <= tolerance:
                 found.append(Candidate(int(index), self.names[index], carrier, residual))
         return sorted(found, key=lambda candidate: abs(candidate.residual_hz))

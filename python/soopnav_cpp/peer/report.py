@@ -48,7 +48,7 @@ def _local(frame: LocalFrame, covariance: _Array) -> _Array:
 def estimate(target: Target) -> dict[str, Any] | None:
     """Where the target is at the end; None when it does not know."""
     tracker = target.track.tracker
-    if not tracker.started:
+    if not target.track.running:
         return None
     mean, covariance = tracker.mean, tracker.covariance
     frame, place = _frame(mean[:3])

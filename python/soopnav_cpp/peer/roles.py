@@ -40,6 +40,8 @@ _ROUND = 250  # samples: snippets come in few lengths
 _MATCH_S = 1.5e-3  # by which two detectors may differ
 _LEAST_SIGMA_HZ = 5.0
 _SKEWS_AGREE = 1e-7
+_LEAST_VOTES = 5
+_HELD_S = 5.0  # bursts wait so long for the anchor's skew to be known
 _SKEW_WIDTH = 2e-7
 
 
@@ -131,47 +133,56 @@ class _End:
     def _take_heartbeat(self, message: Heartbeat) -> None:
         self._peer_heard_s = FAR_FUTURE_S if message.done else message.heard_to_s + self._shift_s
 
-    def _candidates(
-        self, heard: Heard, p_e: npt.NDArray[np.float64], within_m: float, known: tuple[float, float] | None = None
-    ) -> list[Candidate]:
-        center, width = known or (0.0, self.options.skew)
+    def _candidates(self, heard: Heard, p_e: npt.NDArray[np.float64], within_m: float) -> list[Candidate]:
         return self.beacons.candidates(
             heard.start_s + 0.5 * heard.duration_s + self._to_orbits_s,
             heard.frequency_hz,
             p_e,
-            skew=width,
-            known_skew=center,
+            skew=self.options.skew,
             sigma_hz=max(heard.sigma_hz, _LEAST_SIGMA_HZ),
             within_m=within_m,
         )
 
 
 class _OwnSkew:
-    """What the bursts that only one beacon can have sent say of the anchor's clock.
+    """What bursts say of the anchor's clock, though each may be of several beacons.
 
-    Once five in turn agree, the others are judged by it; when ten in turn fit no beacon, it is forgotten.
+    Every candidate of a burst is a skew. The true one is among those of all bursts; a wrong one is not among those of
+    the other satellite's. So the skew is known once most of the last bursts share one and no other.
     """
 
     def __init__(self) -> None:
-        self._said: deque[float] = deque(maxlen=5)
-        self._strangers = 0
+        self._said: deque[list[float]] = deque(maxlen=40)
+        self.known: float | None = None
 
-    @property
-    def known(self) -> tuple[float, float] | None:
-        """Skew, and by how much it may be off."""
-        if len(self._said) < 5 or max(self._said) - min(self._said) > _SKEWS_AGREE:
-            return None
-        return sorted(self._said)[2], _SKEW_WIDTH
-
-    def take(self, heard: Heard, candidates: list[Candidate]) -> None:
+    def take(self, candidates: list[Candidate]) -> None:
         """Learn from a burst."""
-        if len(candidates) == 1:
-            skew = (self.known or (0.0, 0.0))[0]
-            self._said.append(skew - candidates[0].residual_hz / heard.frequency_hz)
-        self._strangers = 0 if candidates else self._strangers + 1
-        if self._strangers >= 10:
-            self._said.clear()
-            self._strangers = 0
+        if not candidates:
+            return
+        self._said.append([-c.residual_hz / c.carrier_hz for c in candidates])
+        best, votes = self._most(None)
+        _, others = self._most(best)
+        clear = votes >= max(_LEAST_VOTES, 0.8 * len(self._said)) and others <= 0.6 * votes
+        self.known = best if clear else None
+
+    def _most(self, but: float | None) -> tuple[float, int]:
+        """The skew that most bursts share, and how many; of those that are not near `but`."""
+        found = (0.0, 0)
+        for start in (skew for burst in self._said for skew in burst):
+            if but is not None and abs(start - but) < 2.0 * _SKEWS_AGREE:
+                continue
+            near = [[s for s in burst if start <= s <= start + _SKEWS_AGREE] for burst in self._said]
+            votes = sum(1 for burst in near if burst)
+            if votes > found[1]:
+                inside = [s for burst in near for s in burst]
+                found = (sum(inside) / len(inside), votes)
+        return found
+
+    def agree(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Those that fit the skew, once it is known."""
+        if self.known is None:
+            return candidates
+        return [c for c in candidates if abs(c.residual_hz / c.carrier_hz + self.known) <= _SKEW_WIDTH]
 
 
 class Anchor(_End):
@@ -209,6 +220,7 @@ class Anchor(_End):
         self._bucket = TokenBucket(bandwidth_bps)
         self._next = 0
         self._skew = _OwnSkew()
+        self._held: deque[tuple[Heard, list[Candidate]]] = deque(maxlen=_KEPT_BURSTS)
         self._kept: dict[int, tuple[Heard, str]] = {}
         self._unsaid: deque[Detection] = deque(maxlen=_KEPT_BURSTS)
 
@@ -221,12 +233,13 @@ class Anchor(_End):
         refusal = super().attach(peer)
         if not refusal and not self.source.live:
             self._unsaid.clear()
+            self._held.clear()
             self._scanner.seek(peer.resume_s + self._shift_s)
         return refusal
 
     def heartbeat(self) -> Heartbeat:
         """That it lives, and how far it has come."""
-        return Heartbeat(self.heard_to_s, self._scanner.done and not self._unsaid, 0)
+        return Heartbeat(self.heard_to_s, self._scanner.done and not self._unsaid and not self._held, 0)
 
     @property
     def finished(self) -> bool:
@@ -239,7 +252,13 @@ class Anchor(_End):
         was_done = self._scanner.done
         heard = self._scanner.step() if self._may_scan() else None
         for burst in heard or ():
-            self._place(burst)
+            self._consider(burst)
+        while self._held and (
+            self._skew.known is not None
+            or self._scanner.done
+            or self._held[0][0].start_s < self._scanner.heard_to_s - _HELD_S
+        ):
+            self._place(*self._held.popleft())
         said: list[Message] = []
         if self.peer is not None:
             while self._unsaid:
@@ -253,13 +272,17 @@ class Anchor(_End):
             said.append(self.heartbeat())
         return said if heard is not None or said else None
 
-    def _place(self, heard: Heard) -> None:
+    def _consider(self, heard: Heard) -> None:
         at = self._state(heard.start_s)
         if at is None:
             self.counts["own position unknown"] += 1
             return
-        candidates = self._candidates(heard, at[0], 0.0, self._skew.known)
-        self._skew.take(heard, candidates)
+        candidates = self._candidates(heard, at[0], 0.0)
+        self._skew.take(candidates)
+        self._held.append((heard, candidates))
+
+    def _place(self, heard: Heard, candidates: list[Candidate]) -> None:
+        candidates = self._skew.agree(candidates)
         if len(candidates) != 1:
             self.counts["no beacon" if not candidates else "beacon ambiguous"] += 1
             return

@@ -21,6 +21,7 @@ _Array = npt.NDArray[np.float64]
 _LIGHT_MPS = 299_792_458.0
 _FORMAT = "soopnav peer state 1"
 _EKF_WITHIN_M = 10e3  # further off a batch starts the track
+_PATIENCE = 4  # batches, after which a start is taken although another place fits as well
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,8 @@ class Track:
     ----------
     tracker : navigation.CooperativeTracker
     history : History
+    running : bool
+        There is a track.
     resume_unix_s : float
         Of the state that was read; NaN without one.
 
@@ -124,7 +127,8 @@ class Track:
         self.within_m = float(within_m)
         self.history = History()
         self.resume_unix_s = math.nan
-        self._beacons, self._batch = beacons, batch
+        self.running = False
+        self._beacons, self._batch, self._first_batch = beacons, batch, batch
         self._clock_s, self._skew = clock_s, skew
         self._waiting: list[Measured] = []
         self._file = None if state is None else Path(state)
@@ -144,9 +148,8 @@ class Track:
         h.measured.append(measured)
         use, run = self._take(measured)
         h.use.append(use)
-        started = self.tracker.started
-        h.mean.append(self.tracker.mean.copy() if started else np.full(8, math.nan))
-        h.covariance.append(self.tracker.covariance.copy() if started else np.full((8, 8), math.nan))
+        h.mean.append(self.tracker.mean.copy() if self.running else np.full(8, math.nan))
+        h.covariance.append(self.tracker.covariance.copy() if self.running else np.full((8, 8), math.nan))
         has = run is not None
         h.innovation.append(run.innovation[-1].copy() if has and run is not None else np.full(2, math.nan))
         sigma = np.full(2, math.nan)
@@ -158,7 +161,7 @@ class Track:
         return use
 
     def _take(self, measured: Measured) -> tuple[str, CooperativeRun | None]:
-        if not self.tracker.started:
+        if not self.running:
             if self.within_m > _EKF_WITHIN_M:
                 self._waiting.append(measured)
                 if len(self._waiting) < self._batch:
@@ -169,8 +172,10 @@ class Track:
                     search_radius_m=4.0 * self.within_m,
                     alpha_sigma_mps=_LIGHT_MPS * self._skew,
                 )
-                if found.status == PairStartStatus.OK:
+                late = found.status == PairStartStatus.AMBIGUOUS and len(self._waiting) >= _PATIENCE * self._first_batch
+                if found.status == PairStartStatus.FOUND or late:
                     self._waiting.clear()
+                    self.running = True
                     return "used", None
                 self._batch += max(1, self._batch // 4)
                 return "waiting", None
@@ -179,6 +184,7 @@ class Track:
             sigma = [self.within_m] * 3 + [1e-3 if static else 30.0] * 3
             sigma += [0.5 * _LIGHT_MPS * self._clock_s, 0.5 * _LIGHT_MPS * self._skew]
             self.tracker.start_at(measured.t_s - 1e-3, mean, np.diag(np.square(sigma)))
+            self.running = True
         run = self.tracker.update(_bursts([measured]))
         if bool(run.accepted[-1]):
             return "used", run
@@ -186,7 +192,7 @@ class Track:
 
     def write(self) -> None:
         """Keep the track in its file: written beside it first, so that a file is always whole."""
-        if self._file is None or not self.tracker.started:
+        if self._file is None or not self.running:
             return
         content = {
             "format": _FORMAT,
@@ -212,6 +218,7 @@ class Track:
                 raise ValueError("its shapes")
             t_s = float(content["t_s"]) + (float(content["reference_unix_s"]) - self._beacons.reference_unix_s)
             self.tracker.start_at(t_s, mean, covariance)
+            self.running = True
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"{self._file}: not a state of a target that was kept: {error}") from error
         self.resume_unix_s = t_unix
