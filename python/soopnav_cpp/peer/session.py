@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from soopnav_cpp.peer.link import Link
 from soopnav_cpp.peer.messages import Bye, Heartbeat, Info, Message
 
-__all__ = ["Address", "PeerRefusedError", "Role", "Session", "SessionOptions", "parse_address"]
+__all__ = ["Address", "PeerRefusedError", "Role", "Session", "SessionOptions", "Traffic", "parse_address"]
 
 _READ_BYTES = 1 << 16
 _MOST_GREETING = 4  # connections at a time that have not shown the key
