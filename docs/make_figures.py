@@ -18,10 +18,10 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+import two_receivers_figures
 
 import soopnav_cpp as sn
 import soopnav_cpp.scenarios.metrics
-import two_receivers_figures
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 IMAGES = Path(__file__).resolve().parent / "images"
