@@ -16,7 +16,7 @@ from soopnav_cpp.cli.app import cli
 from soopnav_cpp.orbits import read_ephemeris
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pair.toml"
-SHORT = EXAMPLE.read_text().replace("duration_s = 4.0", "duration_s = 0.8").replace("snr_db = 20.0 ", "snr_db = 40.0 ")
+SHORT = EXAMPLE.read_text().replace("duration_s = 12.0", "duration_s = 0.8").replace("snr_db = 20.0 ", "snr_db = 40.0 ")
 
 
 def run(*arguments: object, code: int = 0) -> Any:
@@ -40,7 +40,7 @@ def test_files_say_whose_clock(made: Path) -> None:
         assert (meta.sample_rate_hz, meta.center_frequency_hz, meta.format) == (1e6, 1626.1e6, "ci8")
         assert len(iq) == 800_000
         stored = json.loads((made / f"{role}.sigmf-meta").read_text())
-        assert stored["captures"][0]["core:datetime"] == "2014-08-27T12:00:00.000000Z"
+        assert stored["captures"][0]["core:datetime"] == "2014-08-27T13:55:00.000000Z"
     truth = json.loads((made / "truth.json").read_text())
     known = read_ephemeris(made / "satellites.csv")
     assert {burst["satellite"] for burst in truth["bursts"]} <= set(known.orbits)
@@ -134,7 +134,7 @@ def test_tles_and_moving_targets(tmp_path: Path) -> None:
     (tmp_path / "pair.toml").write_text(text)
     refused = run("synth", "pair", tmp_path / "pair.toml", tmp_path / "out", code=2).stderr
     assert "no satellite stands above 8° at both receivers" in refused
-    place = sn.orbits.read_tle(tle)[0].sampled("2014-08-27T12:00:00", 1.0)
+    place = sn.orbits.read_tle(tle)[0].sampled("2014-08-27T13:55:00", 1.0)
     latitude, longitude, _ = (float(x) for x in sn.geometry.ecef_to_geodetic(np.asarray(place.at(0.0)[0]).ravel()))
     for old, new in (
         ("60.2\n", latitude),
