@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp import dsp, estimation, lte, simulation
+from soopnav_cpp._ambiguity_figures import ambiguity
 from soopnav_cpp._bearing_figures import bearings_over_time, polar_spectrum
 from soopnav_cpp._burst_figures import burst_spectrogram
 from soopnav_cpp._calibration_figures import calibration
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FrameTracks",
+    "ambiguity",
     "bearings_map",
     "bearings_over_time",
     "burst_spectrogram",

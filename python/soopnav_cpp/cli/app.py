@@ -66,6 +66,7 @@ def cli() -> None:
       soopnav passes iridium.tle --at 60.2,25.0 --start 2014-08-27T06:00:00Z
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
       soopnav peer --role anchor --source city.sigmf-meta --listen :7000 --orbits iridium.tle --at 60.2,25.0,20
+      soopnav caf roof.sigmf-meta car.sigmf-meta --plot caf.png
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
@@ -159,6 +160,61 @@ def _scan_bursts(
         return
     work.print_table(result, _stdout())
     if plot is not None:
+        click.echo(f"plot: {plot}")
+
+
+@cli.command(short_help="Delay and Doppler between the recordings A and B.")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@click.option("--max-delay", "max_delay_s", type=float, default=1e-3, metavar="S", help="[default: 1e-3]")
+@click.option("--max-doppler", "max_doppler_hz", type=float, default=40e3, metavar="HZ", help="[default: 40e3]")
+@click.option(
+    "--bandwidth", "bandwidth_hz", type=float, default=0.0, metavar="HZ", help="Of the signal.  [default: found]"
+)
+@click.option("--start", "start_s", type=float, default=0.0, metavar="S", help="From the first instant both have.")
+@click.option("--duration", "duration_s", type=float, metavar="S", help="[default: all that both have]")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw the surface with both cuts.")
+@_sentences
+def caf(
+    a: Path,
+    b: Path,
+    max_delay_s: float,
+    max_doppler_hz: float,
+    bandwidth_hz: float,
+    start_s: float,
+    duration_s: float | None,
+    as_json: bool,
+    plot: Path | None,
+) -> None:
+    """Say which of the recordings A and B hears a common signal later and which higher, and by how much.
+
+    Start times (core:datetime) and centre frequencies of the recordings count: the answer is about the signal on the
+    air. Recordings of different rates are brought to the lower one.
+    """
+    from soopnav_cpp.cli import caf as work
+
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise ValueError(f"{plot}: a name that ends in .png expected")
+    with progress() as step:
+        found = work.answer(
+            (a, b),
+            max_delay_s=max_delay_s,
+            max_doppler_hz=max_doppler_hz,
+            bandwidth_hz=bandwidth_hz,
+            start_s=start_s,
+            duration_s=duration_s,
+            step=step,
+        )
+        if plot is not None and found.result.detected:
+            step(f"drawing {plot.name}")
+            work.draw(found, plot)
+    if as_json:
+        click.echo(json.dumps(work.as_json(found), indent=2, allow_nan=False))
+        return
+    for line in work.sentences(found):
+        click.echo(line)
+    if plot is not None and found.result.detected:
         click.echo(f"plot: {plot}")
 
 
