@@ -107,12 +107,12 @@ class CrossAmbiguityResult:
     @property
     def detected(self) -> bool:
         """Whether delay and Doppler are a measurement."""
-        return self.status == AmbiguityStatus.OK
+        return bool(self.status == AmbiguityStatus.OK)
 
     @property
     def identical(self) -> bool:
         """Whether the recordings hold the same samples: a delay of zero that says nothing."""
-        return self.status == AmbiguityStatus.IDENTICAL
+        return bool(self.status == AmbiguityStatus.IDENTICAL)
 
     def __repr__(self) -> str:
         if not self.detected:

@@ -47,8 +47,8 @@ def ambiguity(
     row = int(np.argmin(np.abs(surface.delays_s - tdoa_s)))
     column = int(np.argmin(np.abs(surface.doppler_hz - fdoa_hz)))
     figure = _figure(10.4, 4.8)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.25, 1.0))
-    axes = left.add_subplot()
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1.0))
+    axes = figure.add_subplot(grid[:, 0])
     _style(axes, title, "FDOA [Hz]", f"TDOA [{unit}]")
     axes.grid(False)
     image = axes.pcolormesh(
@@ -56,8 +56,8 @@ def ambiguity(
     )
     axes.axhline(scale * tdoa_s, color="white", linewidth=0.6, alpha=0.7)
     axes.axvline(fdoa_hz, color="white", linewidth=0.6, alpha=0.7)
-    left.colorbar(image, ax=axes, label="|C|² / (⟨a, a⟩⟨b, b⟩)")
-    cuts = right.subplots(2, 1)
+    figure.colorbar(image, ax=axes, label="|C|² / (⟨a, a⟩⟨b, b⟩)")
+    cuts = [figure.add_subplot(grid[i, 1]) for i in range(2)]
     _style(cuts[0], f"cut at FDOA {fdoa_hz:.2f} Hz", f"TDOA [{unit}]", "|C|²")
     cuts[0].plot(scale * surface.delays_s, surface.power[:, column], color=_COLOURS[0])
     _style(cuts[1], f"cut at TDOA {scale * tdoa_s:.4f} {unit}", "FDOA [Hz]", "|C|²")

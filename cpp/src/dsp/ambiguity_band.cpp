@@ -191,10 +191,10 @@ double BandFinder::centroid(const Side& side, std::size_t first, std::size_t wid
 Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept {
   // A few segments show a strong signal; a weak one needs them all, and overlapped.
   Window w;
-  for (int pass = 0; pass < 3; ++pass) {
+  for (int pass = 0; pass < 4; ++pass) {
     const std::size_t segments = a.size() / size_;
-    const std::size_t step = pass == 0 ? std::max<std::size_t>(1, segments / 16) : 1;
-    const std::size_t hop = pass == 2 ? size_ / 2 : size_;
+    const std::size_t step = pass < 2 ? std::max<std::size_t>(1, segments / (pass == 0 ? 16 : 64)) : 1;
+    const std::size_t hop = pass == 3 ? size_ / 2 : size_;
     spectrum(a, step, hop, a_);
     spectrum(b, step, hop, b_);
     sum(a_, false, 0, 0);
@@ -203,7 +203,7 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
     sum(a_, true, w.first_a, w.width);
     sum(b_, true, w.first_b, w.width);
     w = search(request);
-    if (w.score > (pass == 1 ? kEnough : kClear)) break;
+    if (w.score > (pass == 2 ? kEnough : kClear)) break;
   }
   Bands bands;
   const double bin_hz = rate_ / static_cast<double>(size_);

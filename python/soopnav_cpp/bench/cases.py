@@ -9,6 +9,7 @@ import numpy as np
 
 from soopnav_cpp import array, clock, estimation, measurement, process
 from soopnav_cpp.bench import systems
+from soopnav_cpp.bench.ambiguity_cases import AMBIGUITY_CASES
 from soopnav_cpp.bench.aperture_cases import APERTURE_CASES
 from soopnav_cpp.bench.ground_cases import GROUND_CASES
 from soopnav_cpp.bench.handset_cases import HANDSET_CASES
@@ -219,5 +220,6 @@ CASES: tuple[Case, ...] = (
     *APERTURE_CASES,
     *VISION_CASES,
     *IRIDIUM_CASES,
+    *AMBIGUITY_CASES,
     MUSIC,
 )

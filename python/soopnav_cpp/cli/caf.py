@@ -133,9 +133,9 @@ def _cut(
     begin = max(starts)
     end = min(s + r.duration_s for s, r in zip(starts, (a, b), strict=True))
     if end <= begin:
-        first, second = (a, b) if starts[0] < starts[1] else (b, a)
+        early, late = (a, b) if starts[0] < starts[1] else (b, a)
         gap = text.duration(begin - end)
-        raise ValueError(f"{first.name} ends {gap} before {second.name} starts: the recordings do not overlap in time")
+        raise ValueError(f"{early.name} ends {gap} before {late.name} starts: the recordings do not overlap in time")
     begin += start_s
     if begin >= end:
         raise ValueError(
@@ -281,7 +281,7 @@ def draw(found: Answer, path: Path) -> None:
     """The surface about the peak with a cut through it each way."""
     from soopnav_cpp import plotting
 
-    surface = dsp.ambiguity_surface(found.a.iq, found.b.iq, found.a.sample_rate_hz, **found.options)  # type: ignore[arg-type]
+    surface = dsp.ambiguity_surface(found.a.iq, found.b.iq, found.a.sample_rate_hz, **found.options)
     shifted = dataclasses.replace(
         surface,
         delays_s=surface.delays_s + (found.tdoa_s - found.result.tdoa_s),

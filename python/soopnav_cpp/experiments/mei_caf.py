@@ -96,7 +96,7 @@ def trials(seed: int) -> tuple[Array, Array, Array]:
 
 def rms(values: Array) -> Array:
     """Over the last axis, leaving out what was not detected."""
-    return np.sqrt(np.nanmean(np.square(values), axis=-1))
+    return np.asarray(np.sqrt(np.nanmean(np.square(values), axis=-1)), np.float64)
 
 
 def widened(limit: float, count: int) -> float:
@@ -122,7 +122,8 @@ def caf(lab: Lab) -> Iterator[Claim]:
     sigma = np.stack([rms(main[:, :, 2]), rms(main[:, :, 3])])
     found = np.mean(np.isfinite(main[:, :, 0]), axis=1)
     others = np.stack([rms(other[..., 0]), rms(other[..., 1])])  # (2, SNRs, others)
-    same = np.stack([rms(main[:, : other.shape[2], 0]), rms(main[:, : other.shape[2], 1])])
+    shown = np.concatenate([r[0][:, :SHOWN] for r in results], axis=1)  # the bursts that the others had
+    same = np.stack([rms(shown[:, :, 0]), rms(shown[:, :, 1])])
     _figure(lab, error, sigma, by_stein, by_stochastic, others)
     _surface(lab)
     lab.save(
@@ -183,14 +184,14 @@ def caf(lab: Lab) -> Iterator[Claim]:
     yield Claim("share of bursts detected from -5 dB on", found[1:], at_least(0.99))
     plain = others[0] / same[0][:, None]
     yield Claim(
-        "error of a plain root-raised-cosine prefilter over that of the likelihood's on the same bursts, TDOA at 20 dB",
-        plain[-1, OTHERS.index("rrc")],
-        band(1.02, 1.3),
+        "TDOA error of a plain root-raised-cosine prefilter over the likelihood's, same bursts, mean of 10 ... 20 dB",
+        np.mean(plain[-3:, OTHERS.index("rrc")]),
+        band(1.02, 1.15),
     )
     yield Claim(
-        "the same without a prefilter but the decimator's, at 0 dB",
+        "the same with no prefilter but the decimator's, at 0 dB",
         plain[len(LOW_DB), OTHERS.index("none")],
-        at_least(1.02),
+        at_least(1.1),
     )
     heard = np.isfinite(paper[:, 0])
     widths = np.array([1e6 * rms(paper[:, 0]), rms(paper[:, 1])])
@@ -203,23 +204,29 @@ def caf(lab: Lab) -> Iterator[Claim]:
 
 
 def _figure(lab: Lab, error: Array, sigma: Array, stein: Array, stochastic: Array, others: Array) -> None:
-    with lab.figure(10.4, 4.6) as figure:
+    names = {"rrc": "root raised cosine", "box": "box", "none": "none"}
+    colours = ("#e08e1b", "#8f5db7", "#d1495b")
+    with lab.figure(10.4, 7.6) as figure:
         for axis, (name, unit, scale) in enumerate((("TDOA", "ns", 1e9), ("FDOA", "mHz", 1e3))):
-            axes = figure.add_subplot(1, 2, axis + 1)
-            style(axes, f"{name} of 90 ms bursts", "SNR of both in 25 kHz [dB]", f"error, RMS [{unit}]")
-            axes.set_yscale("log")
-            axes.plot(SNR_DB, scale * stein[axis], color="#22303c", label="Stein's bound")
-            axes.plot(SNR_DB, scale * stochastic[axis], color="#22303c", linestyle="--", label="stochastic bound")
-            colours = ("#e08e1b", "#8f5db7", "#d1495b")
-            for k, (prefilter, colour) in enumerate(zip(OTHERS, colours, strict=True)):
-                label = {"rrc": "root raised cosine", "box": "box", "none": "none"}[prefilter]
+            above = figure.add_subplot(2, 2, axis + 1)
+            style(above, f"{name} of 90 ms bursts", "", f"error, RMS [{unit}]")
+            above.set_yscale("log")
+            below = figure.add_subplot(2, 2, axis + 3)
+            style(below, "over Stein's bound", "SNR of both in 25 kHz [dB]", "ratio")
+            for axes, unity in ((above, np.full(len(SNR_DB), 1.0 / scale)), (below, stein[axis])):
+                axes.plot(SNR_DB, stein[axis] / unity, color="#22303c", label="Stein's bound")
+                axes.plot(SNR_DB, stochastic[axis] / unity, color="#22303c", linestyle="--", label="stochastic bound")
+                if axes is below:
+                    for k, (prefilter, colour) in enumerate(zip(OTHERS, colours, strict=True)):
+                        label = f"prefilter: {names[prefilter]}"
+                        axes.plot(SNR_DB, others[axis, :, k] / unity, "x", color=colour, markersize=5, label=label)
                 axes.plot(
-                    SNR_DB, scale * others[axis, :, k], "x", color=colour, markersize=5, label=f"prefilter: {label}"
+                    SNR_DB, error[axis] / unity, "o", color="#1b6ca8", markersize=6, label="prefilter: likelihood"
                 )
-            axes.plot(SNR_DB, scale * error[axis], "o", color="#1b6ca8", markersize=6, label="prefilter: likelihood")
-            axes.plot(SNR_DB, scale * sigma[axis], "_", color="#2e933c", markersize=14, label="reported sigma")
+                axes.plot(SNR_DB, sigma[axis] / unity, "_", color="#2e933c", markersize=14, label="reported sigma")
+            below.set_ylim(0.8, 2.0)
             if axis == 0:
-                axes.legend(fontsize=8, frameon=False)
+                below.legend(fontsize=8, frameon=False)
 
 
 def _surface(lab: Lab) -> None:
