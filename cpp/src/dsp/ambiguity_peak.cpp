@@ -392,7 +392,7 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
   }
 }
 
-// Variance of the generalised cross-correlation with this weight (Knapp & Carter 1976; doc/ambiguity.md eq. 9).
+// Variance of the generalised cross-correlation with this weight (Knapp & Carter 1976; doc/ambiguity.md eq. 8).
 void AmbiguityStage::covariance(const StagePeak& peak, AmbiguityPeak& result) const noexcept {
   double total = 0.0, mean = 0.0;
   for (std::size_t j = 0; j < kBands; ++j) {

@@ -216,7 +216,7 @@ void AmbiguityStage::filter(const Bins& spectrum, std::vector<Cf32>& out) noexce
   inverse_.execute(work_.data(), out.data() + at);
 }
 
-// Noise beside the peak: E|C(l, f)|^2 = sum_n |a[n + l]|^2 |b[n]|^2 kappa(f), doc/ambiguity.md eq. 5.
+// Noise beside the peak: E|C(l, f)|^2 = sum_n |a[n + l]|^2 |b[n]|^2 kappa(f), doc/ambiguity.md eq. 4.
 void AmbiguityStage::measure_noise() noexcept {
   std::fill(auto_a_.begin(), auto_a_.end(), 0.0);
   std::fill(auto_b_.begin(), auto_b_.end(), 0.0);
@@ -439,7 +439,7 @@ StagePeak AmbiguityStage::search(double rate) noexcept {
 }
 
 // P(max > u) of |noise|^2 over the rectangle searched, by the expected Euler characteristic of a chi-square field with
-// two degrees of freedom (Worsley 1994; doc/ambiguity.md eq. 6).
+// two degrees of freedom (Worsley 1994; doc/ambiguity.md eq. 5).
 double AmbiguityStage::threshold() const noexcept {
   const double delay = 2.0 * options_.max_delay_s + 1.0 / inner_hz_;
   const double doppler = high_hz_ - low_hz_ + inner_hz_ / static_cast<double>(std::max<std::size_t>(n_ * up_, 1));
