@@ -211,6 +211,9 @@ def _figure(lab: Lab, error: Array, sigma: Array, stein: Array, stochastic: Arra
             above = figure.add_subplot(2, 2, axis + 1)
             style(above, f"{name} of 90 ms bursts", "", f"error, RMS [{unit}]")
             above.set_yscale("log")
+            ticks = (50, 100, 200, 500, 1000, 2000) if axis == 0 else (20, 50, 100, 200, 500)
+            above.set_yticks(ticks, [str(tick) for tick in ticks])
+            above.minorticks_off()
             below = figure.add_subplot(2, 2, axis + 3)
             style(below, "over Stein's bound", "SNR of both in 25 kHz [dB]", "ratio")
             for axes, unity in ((above, np.full(len(SNR_DB), 1.0 / scale)), (below, stein[axis])):
