@@ -43,6 +43,7 @@ def clock_and_position(run: PairRun) -> Figure:
     panels[2].semilogy(run.t_s, stated, "--", color=_INK, linewidth=1.0, label="stated (root of the trace)")
     for formatter in (panels[2].yaxis.set_major_formatter, panels[2].yaxis.set_minor_formatter):
         formatter("{x:g}")
+    panels[2].tick_params(axis="y", which="both", labelsize=8)
     _style(panels[2], "Target's position", "time [s]", "error [m]")
     panels[2].legend(fontsize=8, frameon=False, loc="upper right", ncols=2)
     return figure
