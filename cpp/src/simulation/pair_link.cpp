@@ -259,14 +259,14 @@ bool add_reception(const PairReceiver& receiver, const EnvelopeView& envelope, c
     latest = std::max(latest, tap.delay_s);
   }
   Arrival begin, end;
-  if (!arrival_of(receiver, beacon, sent.start_s + envelope.begin_s(), sent.carrier_hz, begin) ||
-      !arrival_of(receiver, beacon, sent.start_s + envelope.end_s(), sent.carrier_hz, end)) {
+  if (!arrival_of(receiver, beacon, sent.start_s + envelope.begin_s() + earliest, sent.carrier_hz, begin) ||
+      !arrival_of(receiver, beacon, sent.start_s + envelope.end_s() + latest, sent.carrier_hz, end)) {
     return false;
   }
   const double rate = grid.sample_rate_hz;
   const auto base = static_cast<double>(grid.first_sample);
-  const double low = std::ceil((begin.reading_s + earliest - grid.start_s) * rate - base);
-  const double high = std::floor((end.reading_s + latest - grid.start_s) * rate - base);
+  const double low = std::ceil((begin.reading_s - grid.start_s) * rate - base);
+  const double high = std::floor((end.reading_s - grid.start_s) * rate - base);
   const auto size = static_cast<double>(samples.size());
   if (!(low < size && high >= 0.0)) return std::isfinite(low) && std::isfinite(high);
   const auto first = static_cast<std::int64_t>(std::max(low, 0.0));
@@ -288,7 +288,7 @@ bool add_reception(const PairReceiver& receiver, const EnvelopeView& envelope, c
       bool known = true;
       const bool fits = fit_offset(receiver, beacon, counted, base + static_cast<double>(from),
                                    base + static_cast<double>(to), fit, known);
-      if (!known) return false;  // not reached: the envelope's ends are inside, and so is what lies between them
+      if (!known) return false;  // not reached: both ends are inside, and so is what lies between them
       if (fits || to - from <= kChunk) break;
       to = from + (to - from) / 2;
     }
