@@ -46,7 +46,7 @@ _MESSAGE_BYTES = 160  # of a snippet's frame besides its samples, at most
 def bits_for(snr_db: float) -> int:
     """Bits of a component that lose at most 1 dB of TDOA and of FDOA: 2 up to 8 dB, 3 up to 15 dB, 4 beyond (to 20 dB).
 
-    At 10 dB, 2 bits lose about 1.2 dB of TDOA and 0.3 dB of FDOA.
+    At 10 dB, 2 bits lose about 1.1 dB of TDOA and 0.3 dB of FDOA.
     """
     for limit_db, bits in _LIMITS_DB:
         if snr_db <= limit_db:
