@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from soopnav_cpp.cli.app import cli
 from soopnav_cpp.experiments import mei_peer as experiment
 from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
-from soopnav_cpp.peer import local, proxy, report
+from soopnav_cpp.peer import local, messages, proxy, report
 from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
 from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _OwnSkew
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
@@ -279,6 +280,39 @@ def test_bursts_of_two_satellites_tell_the_anchors_skew() -> None:
     for k in range(60):  # the clock jumps
         skew.take(burst(-0.2e-6) if k % 2 else burst(-0.2e-6, 0.3e-6 + 1e-8 * k))
     assert skew.known == pytest.approx(-0.2e-6)
+
+
+@pytest.mark.fuzz
+def test_a_peer_that_has_the_key_and_lies_raises_nothing(world) -> None:
+    rng = np.random.default_rng(1)
+    anchor, target = anchor_of(world), target_of(world)
+    lies = [messages.Info(2**40, -1e10, 1e10, 1e10, 1.0, 0.0), anchor.info()]
+    assert target.attach(lies[0]) == "" or "overlap" in target.attach(lies[0])
+    assert "overlap" in target.attach(messages.Info(-(2**40), 0.0, 1.0, 0.0, 1.0, 0.0))
+    assert anchor.attach(target.info()) == target.attach(anchor.info()) == ""
+    told: list[messages.Message] = []
+    while not target.finished:
+        told += anchor.step(0.0) or []
+        target.handle(anchor.heartbeat(), 0.0)
+        anchor.handle(target.heartbeat(), 0.0)
+        for message in told:
+            for asked in target.handle(message, 0.0) + (target.step(0.0) or []):
+                for true in anchor.handle(asked, 0.0):
+                    assert isinstance(true, messages.Snippet)
+                    change = [
+                        {"count": 4, "data": bytes(4)}, {"count": 40_000, "bits": 1, "data": bytes(10_000)},
+                        {"mix_hz": 0.0}, {"mix_hz": 1e12}, {"scale": 0.0}, {"scale": 1e15}, {"beacon": "none"},
+                        {"bits": 0, "data": rng.bytes(8 * true.count)}, {"position_e_m": (0.0, 0.0, 0.0)},
+                        {"start_s": 1e10}, {"velocity_e_mps": (1e6, 1e6, 1e6)}, {"id": 10**9},
+                    ][int(rng.integers(12))]  # fmt: skip
+                    target.handle(replace(true, **change), 0.0)
+        told = []
+        target.step(10.0)
+    for message in (messages.Propose(10**9, ""), messages.Propose(0, "none"), messages.Decline(0, ""), lies[1]):
+        anchor.handle(message, 0.0)
+        target.handle(message, 0.0)
+    assert target.counts["snippet of another burst"] + target.counts["answer to nothing"] > 0
+    assert not target.track.running or np.isfinite(target.track.tracker.covariance).all()
 
 
 # ---- the command

@@ -518,6 +518,11 @@ class Target(_End):
 
     def _measure(self, snippet: Snippet, asked: _Asked) -> None:
         rate, heard = self.snippet_rate_hz, asked.heard
+        least = 4.0 * self.options.guard_s * rate
+        most = (asked.theirs.duration_s + 2.0 * self.options.guard_s) * rate + 2.0 * _ROUND
+        if not least <= snippet.count <= most or abs(snippet.mix_hz - asked.theirs.frequency_hz) > 1e3:
+            self.counts["snippet of another burst"] += 1
+            return
         cut = cut_snippet(self.source, heard.start_s - self.options.guard_s, snippet.count, snippet.mix_hz, rate)
         if cut is None:
             self.counts["not recorded here"] += 1
@@ -528,7 +533,7 @@ class Target(_End):
             self.counts["snippet unreadable"] += 1
             return
         start_s, mine = cut
-        satellite = self.beacons.orbits[asked.beacon.index].is_fixed is False
+        satellite = not self.beacons.orbits[asked.beacon.index].is_fixed
         peak = dsp.cross_ambiguity(
             mine,
             theirs,

@@ -58,7 +58,10 @@ def iso(reference_unix_s: int, t_s: float) -> str:
     if t_s >= FAR_FUTURE_S:
         return "open"
     milliseconds = round(1e3 * t_s)
-    at = datetime.fromtimestamp(reference_unix_s + milliseconds // 1000, timezone.utc)
+    try:
+        at = datetime.fromtimestamp(reference_unix_s + milliseconds // 1000, timezone.utc)
+    except (ValueError, OverflowError, OSError):  # no year that a calendar has
+        return f"{reference_unix_s + t_s:g} s"
     return f"{at:%Y-%m-%dT%H:%M:%S}.{milliseconds % 1000:03d}Z"
 
 
