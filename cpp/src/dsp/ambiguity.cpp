@@ -188,6 +188,8 @@ struct CrossAmbiguity::Impl {
     detail::Bands bands = finder.find(
         a, b,
         {options.center_a_hz, options.center_b_hz, bandwidth_hz, options.max_doppler_hz, options.doppler_center_hz});
+    bands.power_a = power_a;
+    bands.power_b = power_b;
     detail::AmbiguityStage* stage = stages.front().get();
     for (const auto& candidate : stages) {
       const auto factor = static_cast<double>(candidate->factor());

@@ -15,6 +15,8 @@ struct Bands {
   double bandwidth_hz = 0.0;  ///< occupied
   double noise_a = 0.0;       ///< noise density [power / Hz], 0: could not be told
   double noise_b = 0.0;
+  double power_a = 1.0;  ///< mean power of the recording
+  double power_b = 1.0;
   bool lines_a = false;  ///< narrow lines stand out of the spectrum
   bool lines_b = false;
 };

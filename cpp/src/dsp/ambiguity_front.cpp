@@ -100,16 +100,17 @@ BandDecimator::BandDecimator(std::size_t factor, double passband, std::size_t ma
   edge_.resize(longest);
 }
 
-std::size_t BandDecimator::apply(IqSpan in, double frequency, Cf32* out) noexcept {
+std::size_t BandDecimator::apply(IqSpan in, double frequency, double gain, Cf32* out) noexcept {
   if (first_ == 1) {
-    turning(-frequency, in.size(), [&](std::size_t i, Cf64 turn) { out[i] = narrow(product(wide(in[i]), turn)); });
+    turning(-frequency, in.size(),
+            [&](std::size_t i, Cf64 turn) { out[i] = narrow(product(gain * wide(in[i]), turn)); });
     return in.size();
   }
   const std::size_t n_taps = prototype_.size();
   const auto reach = static_cast<std::ptrdiff_t>(n_taps / 2);
   for (std::size_t k = 0; k < n_taps; ++k) {
     const double cycles = -frequency * (static_cast<double>(k) - static_cast<double>(reach));
-    const Cf64 tap = std::polar(prototype_[k], kTwoPi * cycles);
+    const Cf64 tap = gain * prototype_[k] * std::polar(1.0, kTwoPi * cycles);
     real_[2 * k] = real_[2 * k + 1] = static_cast<float>(tap.real());
     imaginary_[2 * k] = imaginary_[2 * k + 1] = static_cast<float>(tap.imag());
   }

@@ -16,8 +16,8 @@ class BandDecimator {
   /// @param passband  half width kept, as a fraction of the input rate
   BandDecimator(std::size_t factor, double passband, std::size_t max_samples);
 
-  /// Writes in.size() / factor samples; `frequency` in cycles per input sample. Allocates nothing.
-  std::size_t apply(IqSpan in, double frequency, Cf32* out) noexcept;
+  /// Writes in.size() / factor samples times `gain`; `frequency` in cycles per input sample. Allocates nothing.
+  std::size_t apply(IqSpan in, double frequency, double gain, Cf32* out) noexcept;
 
   [[nodiscard]] std::size_t factor() const noexcept { return first_ * second_; }
 

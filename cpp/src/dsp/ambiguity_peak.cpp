@@ -376,7 +376,7 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
   largest = std::max(largest, 1e-300);
   for (std::size_t k = 0; k < nf; ++k) {
     const double f = bin_frequency(k);
-    const double w = std::abs(f) <= used ? weight_of(f) / largest : 0.0;
+    const double w = std::abs(f) <= used ? std::min(1.0, weight_of(f) / largest) : 0.0;
     weight_[k] = static_cast<float>(std::sqrt(w) / static_cast<double>(nf));
   }
   std::array<double, kBands> weights;

@@ -158,8 +158,12 @@ void AmbiguityStage::load(IqSpan a, IqSpan b, const Bands& bands, double low_hz,
   if (!(high_hz_ >= low_hz_)) low_hz_ = high_hz_ = std::clamp(0.5 * (low_hz_ + high_hz_), -reach_hz_, reach_hz_);
   stretched_ = 0.0;
   tones_a_ = tones_b_ = 0;
-  n_ = decimator_.apply(a, mix_a_hz_ / options_.sample_rate_hz, xa_.data());
-  decimator_.apply(b, mix_b_hz_ / options_.sample_rate_hz, xb_.data());
+  // To unit power, so that products of four samples stay inside a float's range.
+  const double gain_a = 1.0 / std::sqrt(bands.power_a), gain_b = 1.0 / std::sqrt(bands.power_b);
+  bands_.noise_a *= gain_a * gain_a;
+  bands_.noise_b *= gain_b * gain_b;
+  n_ = decimator_.apply(a, mix_a_hz_ / options_.sample_rate_hz, gain_a, xa_.data());
+  decimator_.apply(b, mix_b_hz_ / options_.sample_rate_hz, gain_b, xb_.data());
 
   std::array<Line, kMaxLines> lines;
   const auto prepare = [&](std::vector<Cf32>& x, Bins& bins, double density, std::size_t& first, std::size_t& last) {
@@ -183,8 +187,8 @@ void AmbiguityStage::load(IqSpan a, IqSpan b, const Bands& bands, double low_hz,
     for (std::size_t n = 0; n < n_; ++n) x[n] = b_[n * up_];
     return count;
   };
-  tones_a_ = prepare(xa_, bins_a_, bands.noise_a, first_a_, last_a_);
-  tones_b_ = prepare(xb_, bins_b_, bands.noise_b, first_b_, last_b_);
+  tones_a_ = prepare(xa_, bins_a_, bands_.noise_a, first_a_, last_a_);
+  tones_b_ = prepare(xb_, bins_b_, bands_.noise_b, first_b_, last_b_);
 }
 
 void AmbiguityStage::coarse_weights() noexcept {
