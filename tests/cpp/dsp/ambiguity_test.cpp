@@ -155,6 +155,28 @@ TEST(CrossAmbiguity, SwappedRecordingsTurnTheSigns) {
   EXPECT_NEAR(std::remainder(ab.phase_rad + ba.phase_rad, 2.0 * kPi), 0.0, 0.6);
 }
 
+TEST(CrossAmbiguity, LevelsDoNotMatter) {
+  Pair pair = recorded({.tdoa_s = 7e-6, .fdoa_hz = 900.0}, 14);
+  const AmbiguityPeak plain = measured(pair, options(pair));
+  for (Cf32& x : pair.a) x *= 1e12F;
+  for (Cf32& x : pair.b) x *= 1e-12F;
+  const AmbiguityPeak scaled = measured(pair, options(pair));
+  ASSERT_EQ(scaled.status, AmbiguityStatus::kOk);
+  EXPECT_NEAR(scaled.tdoa_s, plain.tdoa_s, 0.01 * plain.sigma_tdoa_s);
+  EXPECT_NEAR(scaled.sigma_tdoa_s / plain.sigma_tdoa_s, 1.0, 0.01);
+  EXPECT_NEAR(scaled.snr_b_db, plain.snr_b_db, 0.01);
+  // A box that falls between two bins passes nothing: no answer, and no NaN.
+  AmbiguityOptions o = options(pair);
+  o.max_samples = 89;
+  o.bandwidth_hz = 50.0;
+  o.max_delay_s = 9e-6;
+  o.max_doppler_hz = 1e3;
+  o.prefilter = AmbiguityPrefilter::kBox;
+  const AmbiguityPeak none =
+      measured({{pair.a.begin(), pair.a.begin() + 89}, {pair.b.begin(), pair.b.begin() + 89}}, o);
+  EXPECT_TRUE(std::isfinite(none.tdoa_s) && std::isfinite(none.fdoa_hz) && std::isfinite(none.epoch_s));
+}
+
 TEST(CrossAmbiguity, PhaseIsThatOfAAgainstBAtTheEpoch) {
   const Scene scene{.snr_db = 30.0, .tdoa_s = 4e-6, .fdoa_hz = 150.0, .center_hz = 2e3};
   const Pair pair = recorded(scene, 3);
