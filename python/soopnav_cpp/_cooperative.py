@@ -338,7 +338,7 @@ class CooperativeTracker:
         **search
             ``guess_e_m`` (the anchor: middle of the search), ``search_radius_m`` (3e6; 0: from the guess alone),
             ``cell_m`` (2e5: of the grid), ``candidates`` (8), ``min_bursts`` (10), ``ambiguous_chi_square`` (12),
-            ``alpha_sigma_mps`` (3e3), ``max_sigma_m`` (1e4: of the place, beyond which it is vague).
+            ``alpha_sigma_mps`` (3e3), ``max_sigma_m`` (3e3: of the place, beyond which it is vague).
 
         Returns
         -------

@@ -26,7 +26,7 @@ constexpr double kFreeSigmaM = 1e7;     // of a position that nothing is known o
 constexpr double kPinnedSigmaM = 1e-3;  // of one that is given
 constexpr double kOutlierProbability = 1e-6;
 constexpr int kMostIterations = 40;
-constexpr double kSameSigmas = 5.0;  // solutions nearer to each other are one
+constexpr double kSameSigmas = 3.0;  // solutions nearer to each other are one
 
 // A burst that is used.
 struct Burst {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +54,7 @@ def bursts_of(found: Campaign) -> PairBursts:
         found.tdoa_s,
         found.fdoa_hz,
         found.covariance,
-        found.world.carrier_hz,
+        np.array(found.world.carrier_hz),
         found.world.anchor_p_e,
     )
 
@@ -66,7 +66,7 @@ def truth_of(found: Campaign) -> Array:
     return np.hstack([world.position_e_m[row], world.velocity_e_mps[row], clocks])
 
 
-def tracker_of(found: Campaign, **options: float) -> CooperativeTracker:
+def tracker_of(found: Campaign, **options: Any) -> CooperativeTracker:
     """A tracker that knows the clocks' kind, the height as it was told, and that the target stands."""
     setup = found.world.setup
     return CooperativeTracker(
@@ -334,11 +334,11 @@ def bound(lab: Lab) -> Iterator[Claim]:
         axes.set_yscale("log")
         axes.legend(fontsize=8, frameon=False)
         style(axes, f"148 ns and 45 mHz: horizontal RMSE of {lab.runs} runs", "time [s]", "[m]")
-    lab.save(
-        t_s=t,
+    curves: dict[str, npt.ArrayLike] = {
         **{f"error_{name.lower()}_m": [r.error_m for r in runs] for name, runs in rows.items()},
         **{f"sigma_{name.lower()}_m": [r.sigma_m for r in runs] for name, runs in rows.items()},
-    )
+    }
+    lab.save(part="", t_s=t, **curves)
 
 
 @experiment("mei-static-canberra", title="The paper's town", source="mei, Localizing static receiver", runs=4 * RUNS)
@@ -387,5 +387,5 @@ def starts(lab: Lab) -> Iterator[Claim]:
     lab.save(error_m=[end[:, 0] for end in ends], nees=[end[:, 1] for end in ends])
     # NEES of five states: chance passes 45 once in 1e8.
     for (name, _, _, least), end in zip(cases, ends, strict=True):
-        share = float(np.mean(end[:, 1] < 45.0))
-        yield Claim(f"{name}: share of {2 * RUNS} starts that converge, drawn", share, at_least(least))
+        converged = float(np.mean(end[:, 1] < 45.0))
+        yield Claim(f"{name}: share of {2 * RUNS} starts that converge, drawn", converged, at_least(least))

@@ -39,7 +39,7 @@ struct PairStartOptions {
   int candidates = 8;                          ///< best cells that are followed, 1 ... 64
   int min_bursts = 10;                         ///< >= 3
   double ambiguous_chi_square = 12.0;          ///< another place whose chi-square is no more than this above the best's
-  double max_sigma_m = 1e4;      ///< of the place, beyond which it is vague: no filter could be linearised there, > 0
+  double max_sigma_m = 3e3;      ///< of the place, beyond which it is vague: no filter could be linearised there, > 0
   double mask_rad = 0.0;         ///< satellites below are not used
   double alpha_sigma_mps = 3e3;  ///< prior of alpha about what the FDOA says, > 0 (3e3: 10 ppm)
 
