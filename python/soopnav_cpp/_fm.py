@@ -67,4 +67,4 @@ def fm_waveform(
     programme = np.fft.irfft(spectrum, length)
     level = np.clip(programme[:n] / (crest * float(np.sqrt(np.mean(programme**2)))), -1.0, 1.0)
     phase = 2.0 * math.pi * deviation_hz / sample_rate_hz * np.cumsum(level)
-    return np.exp(1j * phase).astype(np.complex64)
+    return np.asarray(np.exp(1j * phase), np.complex64)

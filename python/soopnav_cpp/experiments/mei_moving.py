@@ -175,7 +175,7 @@ def inertial_of(way: Course, grade: Grade, duration_s: float, seed: int) -> tupl
         gyro_bias_sigma_radps=grade.gyro_bias_radps,
         accelerometer_bias_sigma_mps2=grade.accelerometer_bias_mps2,
     )
-    return unit, dt * (1.0 + np.arange(n)), theta, velocity
+    return unit, np.asarray(dt * (1.0 + np.arange(n)), np.float64), theta, velocity
 
 
 def _turned(about_rad: Array, q: Array) -> Array:
