@@ -39,5 +39,5 @@ def test_links_and_commands() -> None:
     files = re.findall(r"examples/[\w./]+\.(?:toml|py)", PAGE)
     assert files
     assert all((ROOT / name).exists() for name in files)
-    for name in sorted(set(re.findall(r"soopnav (run|peer|passes|reproduce|caf|synth pair)", PAGE))):
+    for name in sorted(set(re.findall(r"soopnav (run|peer|passes|reproduce|caf|scan|synth pair)", PAGE))):
         assert CliRunner().invoke(cli, [*name.split(), "--help"]).exit_code == 0, name
