@@ -48,7 +48,7 @@ def geometry(axes: Any) -> None:
             *(satellite[:, None] + share * reach * np.array([np.cos(angle), np.sin(angle)])), color=PALE, lw=width
         )
     axes.text(
-        7.75, 3.0, "the wavefront is\nat the anchor; the\ntarget hears it later", fontsize=9.5, color=INK, va="top"
+        8.15, 2.75, "the wavefront is\nat the anchor; the\ntarget hears it later", fontsize=9.5, color=INK, va="top"
     )
     axes.plot(*satellite, "s", ms=13, color=INK)
     for side in (-1, 1):
