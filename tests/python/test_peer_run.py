@@ -19,7 +19,7 @@ from soopnav_cpp.cli.app import cli
 from soopnav_cpp.experiments import mei_peer as experiment
 from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
-from soopnav_cpp.peer import local, messages, proxy, report
+from soopnav_cpp.peer import local, messages, proxy, report, roles
 from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
 from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _OwnSkew
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
@@ -313,6 +313,56 @@ def test_a_peer_that_has_the_key_and_lies_raises_nothing(world) -> None:
         target.handle(message, 0.0)
     assert target.counts["snippet of another burst"] + target.counts["answer to nothing"] > 0
     assert not target.track.running or np.isfinite(target.track.tracker.covariance).all()
+
+
+@pytest.mark.unit
+def test_snippets_that_no_message_can_carry_are_refused_at_set_up(world) -> None:
+    with pytest.raises(ValueError, match="--snippet-rate"):
+        ExchangeOptions(snippet_rate_hz=20e3)
+    fast = ExchangeOptions(snippet_rate_hz=75e3)
+    with pytest.raises(ValueError, match=r"--snippet-rate.*--bits"):
+        anchor_of(world, options=fast, bits=0)
+    anchor_of(world, options=fast)
+    anchor_of(world, bits=0)
+
+
+def exchange(anchor: Anchor, target: Target) -> list[tuple[messages.Propose, messages.Message]]:
+    """Proposals of the first seconds, and what the anchor says to them."""
+    assert anchor.attach(target.info()) == target.attach(anchor.info()) == ""
+    found: list[tuple[messages.Propose, messages.Message]] = []
+    while not found:
+        said = anchor.step(0.0) or []
+        asked = [*(target.step(0.0) or []), *(reply for message in said for reply in target.handle(message, 0.0))]
+        found = [(p, reply) for p in asked if isinstance(p, messages.Propose) for reply in anchor.handle(p, 0.0)]
+        for one, other in ((anchor, target), (target, anchor)):
+            one.handle(other.heartbeat(), 0.0)
+    return found
+
+
+@pytest.mark.unit
+def test_an_answer_too_long_is_declined_and_reasons_are_of_a_fixed_set(world, monkeypatch: pytest.MonkeyPatch) -> None:
+    for reason, counted in (("too long", "too long"), ("[/bold] anything", "another reason")):
+        anchor, target = anchor_of(world), target_of(world)
+        monkeypatch.setattr(roles, "MAX_BODY", 200)
+        (asked, reply), *_ = exchange(anchor, target)
+        monkeypatch.undo()
+        assert reply == messages.Decline(asked.id, "too long")
+        target.handle(messages.Decline(asked.id, reason), 0.0)
+        assert target.counts[f"declined: {counted}"] == 1
+
+
+@pytest.mark.unit
+def test_a_burst_is_settled_whatever_comes_of_it(world, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: object) -> str:
+        raise OSError("no space left on device")
+
+    anchor, target = anchor_of(world), target_of(world)
+    (_, reply), *_ = exchange(anchor, target)
+    monkeypatch.setattr(target.track, "add", full)
+    settled = len(target._settled)
+    with pytest.raises(OSError, match="no space"):
+        target.handle(reply, 0.0)
+    assert len(target._settled) == settled + 1
 
 
 # ---- the command

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from soopnav_cpp import dsp
 from soopnav_cpp.geometry import SampledOrbit
 from soopnav_cpp.peer.beacons import Beacons, Candidate
+from soopnav_cpp.peer.frames import MAX_BODY
 from soopnav_cpp.peer.messages import (
     MOST_ANNOUNCED,
     Announce,
@@ -43,6 +44,9 @@ _SKEWS_AGREE = 1e-7
 _LEAST_VOTES = 5
 _HELD_S = 5.0  # bursts wait so long for the anchor's skew to be known
 _SKEW_WIDTH = 2e-7
+_LEAST_RATE_HZ = 25e3  # of snippets: the symbols of a channel
+_LONG_BURST_S = 0.1
+_DECLINES = ("not kept", "another beacon", "not recorded", "bandwidth", "no power", "too long")
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,10 @@ class ExchangeOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} = {value:g}: a finite number above zero expected")
+        if self.snippet_rate_hz < _LEAST_RATE_HZ:
+            raise ValueError(
+                f"snippet_rate_hz = {self.snippet_rate_hz:g} (--snippet-rate): at least {_LEAST_RATE_HZ:g} Hz expected"
+            )
 
 
 class _End:
@@ -216,6 +224,14 @@ class Anchor(_End):
         super().__init__(source, beacons, options or ExchangeOptions())
         if bits is not None and bits not in range(5):
             raise ValueError(f"bits = {bits}: 0 ... 4 expected")
+        count = math.ceil(self.snippet_rate_hz * (_LONG_BURST_S + 2.0 * self.options.guard_s))
+        size = snippet_bytes(count, 4 if bits is None else bits)
+        if size > MAX_BODY:
+            raise ValueError(
+                f"snippet_rate_hz = {self.snippet_rate_hz:g} (--snippet-rate), bits = "
+                f"{'up to 4' if bits is None else bits} (--bits; 0: all): a burst of {_LONG_BURST_S:g} s has {size} "
+                f"bytes, at most {MAX_BODY} fit into a message; a lower rate or fewer bits expected"
+            )
         self._antenna, self._bits = antenna, bits
         self._bucket = TokenBucket(bandwidth_bps)
         self._next = 0
@@ -338,6 +354,8 @@ class Anchor(_End):
         bits = choose_bits(heard.snr_db, count, self._bucket) if self._bits is None else self._bits
         if bits is None or not self._bucket.has(snippet_bytes(count, bits)):
             return Decline(asked.id, "bandwidth")
+        if snippet_bytes(count, bits) > MAX_BODY:
+            return Decline(asked.id, "too long")
         inner = slice(round(guard_s * rate), max(round((guard_s + heard.duration_s) * rate), round(guard_s * rate) + 1))
         scale, data = quantise(iq, bits, burst=inner)
         if not scale > 0.0:
@@ -446,7 +464,8 @@ class Target(_End):
             if asked is None:
                 self.counts["answer to nothing"] += 1
             else:
-                self.counts[f"declined: {message.reason}"] += 1
+                reason = message.reason if message.reason in _DECLINES else "another reason"  # names are the peer's
+                self.counts[f"declined: {reason}"] += 1
                 self._settle(asked.theirs)
         elif isinstance(message, Snippet):
             asked = self._asked.pop(message.id, None)
@@ -454,8 +473,8 @@ class Target(_End):
                 self.counts["answer to nothing"] += 1
             else:
                 self.counts["exchanged"] += 1
+                self._settle(asked.theirs)  # first: whatever comes of it, it is not used again
                 self._measure(message, asked)
-                self._settle(asked.theirs)
         else:
             self.counts["unexpected message"] += 1
         return []
