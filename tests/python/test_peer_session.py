@@ -12,7 +12,7 @@ import pytest
 
 from soopnav_cpp.peer import frames, messages
 from soopnav_cpp.peer.link import Link
-from soopnav_cpp.peer.messages import Decline, Heartbeat, Hello, Info, Message, Propose
+from soopnav_cpp.peer.messages import Decline, Heartbeat, Hello, Info, Message, Propose, Refuse, Snippet
 from soopnav_cpp.peer.proxy import BadConnection, Faults
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, parse_address
 
@@ -229,6 +229,163 @@ def test_a_stranger_does_not_end_a_listener() -> None:
     assert traffic.refused["garbage"] >= 1
 
 
+class Here(Chatter):
+    """Speaks while a peer is there, as the roles do, until both have heard each other."""
+
+    here = False
+
+    def attach(self, peer: Info) -> str:
+        self.here = True
+        return super().attach(peer)
+
+    def detach(self) -> None:
+        self.here = False
+        super().detach()
+
+    def step(self, now: float) -> list[Message] | None:
+        return super().step(now) if self.here else None
+
+    @property
+    def finished(self) -> bool:
+        return super().finished and 4 in self.heard
+
+
+@pytest.mark.unit
+def test_a_new_session_takes_the_place_of_a_half_open_one() -> None:
+    async def run() -> Session:
+        there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+        listening = Session(anchor, KEY, Address("127.0.0.1", 0), listen=True, options=FAST,
+                            on_listening=there.set_result)  # fmt: skip
+        first = asyncio.create_task(listening.run())
+        address = await there
+        once = replace(FAST, first_backoff_s=60.0)
+        old = asyncio.create_task(Session(Here("target", 1000), KEY, address, listen=False, options=once).run())
+        while not listening.traffic.sessions:
+            await asyncio.sleep(0.01)
+        await asyncio.wait_for(Session(target, KEY, address, listen=False, options=FAST).run(), 4.0)
+        await first
+        old.cancel()
+        await asyncio.gather(old, return_exceptions=True)
+        return listening
+
+    anchor, target = Here("anchor", 5), Here("target", 5)
+    traffic = asyncio.run(run()).traffic
+    assert target.left == anchor.left == []
+    assert (traffic.sessions, traffic.lost) == (2, 1)
+    assert anchor.attached == anchor.detached == 2
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("role", ["anchor", "target"])
+def test_an_error_of_the_role_ends_the_session(role: str) -> None:
+    class Full(Chatter):
+        def handle(self, message: Message, now: float) -> list[Message]:
+            raise OSError("no space left on device")
+
+    roles = {name: (Full if name == role else Chatter)(name, 3) for name in ("anchor", "target")}
+
+    async def run() -> None:
+        there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+        ends = {"anchor": Session(roles["anchor"], KEY, Address("127.0.0.1", 0), listen=True, options=FAST,
+                                  on_listening=there.set_result)}  # fmt: skip
+        first = asyncio.create_task(ends["anchor"].run())
+        ends["target"] = Session(roles["target"], KEY, await there, listen=False, options=FAST)
+        second = asyncio.create_task(ends["target"].run())
+        with pytest.raises(OSError, match="no space"):
+            await asyncio.wait_for(first if role == "anchor" else second, 3.0)
+        for task in (first, second):
+            task.cancel()
+        await asyncio.gather(first, second, return_exceptions=True)
+
+    asyncio.run(run())
+    assert roles[role].attached == roles[role].detached == 1
+
+
+@pytest.mark.unit
+def test_a_peer_that_takes_nothing_is_noticed(tmp_path: Path) -> None:
+    """It goes on saying that it lives, and does not read."""
+
+    class Flood(Chatter):
+        def step(self, now: float) -> list[Message] | None:
+            if self.attached == self.detached:
+                return None
+            return [Snippet(1, "x", 0.0, 0.0, 6000, 0, 1.0, bytes(48_000), 0.0, (0.0,) * 3, (0.0,) * 3)]
+
+    async def run() -> None:
+        there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+        listening = Session(anchor, KEY, Address(path=tmp_path / "s"), listen=True,
+                            options=replace(FAST, silence_s=0.2), on_listening=there.set_result)  # fmt: skip
+        first = asyncio.create_task(listening.run())
+        await there
+        reader, writer = await asyncio.open_unix_connection(tmp_path / "s")
+        end = link("target")
+        while end.state != "open":
+            writer.write(end.outgoing())
+            end.receive(await reader.read(1000), 0.0)
+        for _ in range(150):
+            end.send(Heartbeat(0.0, False, 0), 0.0)
+            writer.write(end.outgoing())
+            await asyncio.sleep(0.02)
+            if anchor.detached:
+                break
+        noticed = anchor.detached
+        first.cancel()
+        writer.transport.abort()
+        await asyncio.gather(first, return_exceptions=True)
+        assert noticed == anchor.attached == 1
+
+    anchor = Flood("anchor", 1)
+    asyncio.run(run())
+
+
+@pytest.mark.unit
+def test_silent_connections_do_not_lock_the_peer_out() -> None:
+    async def run() -> Session:
+        there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+        listening = Session(Chatter("anchor", 0), KEY, Address("127.0.0.1", 0), listen=True, options=FAST,
+                            on_listening=there.set_result)  # fmt: skip
+        first = asyncio.create_task(listening.run())
+        address = await there
+        silent = [await asyncio.open_connection(address.host, address.port) for _ in range(6)]
+        await asyncio.wait_for(Session(target, KEY, address, listen=False, options=FAST).run(), 2.0)
+        await first
+        for _, writer in silent:
+            writer.close()
+        return listening
+
+    target = Chatter("target", 3)
+    traffic = asyncio.run(run()).traffic
+    assert target.left == []
+    assert traffic.refused["too many connections"] >= 1
+    end = link("anchor")
+    end.tick(4.0)
+    assert end.closed
+    assert "proof" in end.lost
+
+
+@pytest.mark.unit
+def test_refusals_are_counted_by_fixed_names() -> None:
+    """Whatever a stranger says: neither memory nor the table is his."""
+
+    async def run() -> Session:
+        there: asyncio.Future[Address] = asyncio.get_running_loop().create_future()
+        listening = Session(Chatter("anchor", 0), KEY, Address("127.0.0.1", 0), listen=True, options=FAST,
+                            on_listening=there.set_result)  # fmt: skip
+        first = asyncio.create_task(listening.run())
+        address = await there
+        for text in ("[/bold]", "another"):
+            reader, writer = await asyncio.open_connection(address.host, address.port)
+            kind, body = messages.pack(Refuse(text))
+            writer.write(frames.encode(kind, 0, body))
+            await reader.read()
+            writer.close()
+        first.cancel()
+        await asyncio.gather(first, return_exceptions=True)
+        return listening
+
+    assert asyncio.run(run()).traffic.refused == {"refused by the peer": 2}
+
+
 @pytest.mark.unit
 def test_addresses_in_use_are_errors(tmp_path: Path) -> None:
     async def run(address: Address) -> None:
@@ -248,6 +405,9 @@ def test_addresses_in_use_are_errors(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError):
         asyncio.run(session.run())
     assert (tmp_path / "file").read_text() == "precious"
+    nowhere = tmp_path / "nowhere" / "s"
+    with pytest.raises(FileNotFoundError, match=str(nowhere)):
+        asyncio.run(Session(Chatter("anchor", 0), KEY, Address(path=nowhere), listen=True, options=FAST).run())
 
 
 @pytest.mark.unit

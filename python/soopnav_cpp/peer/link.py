@@ -17,9 +17,10 @@ from soopnav_cpp.peer import messages
 from soopnav_cpp.peer.frames import VERSION, FrameDecoder, Receiver, Sender, SessionKeys, encode
 from soopnav_cpp.peer.messages import Bye, Heartbeat, Hello, Info, Kind, MalformedError, Message, Proof, Refuse
 
-__all__ = ["GREETING_S", "Link"]
+__all__ = ["GREETING_S", "PROOF_S", "Link"]
 
 GREETING_S = 20.0  # in which a session must be open
+PROOF_S = 3.0  # in which the peer must have shown that it knows the key
 _CLEAR = (Kind.HELLO, Kind.PROOF, Kind.REFUSE)
 
 
@@ -49,6 +50,9 @@ class Link:
         What the peer listens to, once the session is open.
     refusal : str
         Why there can be no session, in a sentence; empty when there can.
+    refused_as : str
+        The same as one of a fixed set of names, to be counted: ``keys differ``, ``same role``, ``snippet rates
+        differ``, ``another version``, ``refused by the peer``; empty when there can be a session.
     lost : str
         Why the connection is given up; another one may do.
     bye : Bye or None
@@ -72,10 +76,11 @@ class Link:
         random: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.role = role
-        self._was_open = False
+        self._was_open = self._proved = False
         self.state = "greeting"
         self.peer: Info | None = None
         self.refusal = ""
+        self.refused_as = ""
         self.lost = ""
         self.bye: Bye | None = None
         self.sent_bytes = 0
@@ -98,6 +103,11 @@ class Link:
     def closed(self) -> bool:
         """Whether nothing more comes of this connection."""
         return self.state == "closed"
+
+    @property
+    def proved(self) -> bool:
+        """Whether the peer has shown that it knows the key."""
+        return self._proved
 
     @property
     def opened(self) -> bool:
@@ -146,7 +156,9 @@ class Link:
             self._take(message, frame.body, now, taken)
         if self.state == "greeting" and self._decoder.foreign_version is not None:
             other = self._decoder.foreign_version
-            self._refuse(f"the peer speaks version {other} of the protocol, this one version {VERSION}")
+            self._refuse(
+                "another version", f"the peer speaks version {other} of the protocol, this one version {VERSION}"
+            )
         return taken
 
     def tick(self, now: float) -> None:
@@ -155,7 +167,9 @@ class Link:
             return
         if self.state != "open":
             if now - self._began > GREETING_S:
-                self.close("no session within 20 s")
+                self.close(f"no session within {GREETING_S:g} s")
+            elif not self._proved and now - self._began > PROOF_S:
+                self.close(f"no proof of the key within {PROOF_S:g} s")
             elif now - self._greeted >= self._retry_s:
                 self._greet_again(now)
         elif now - self._heard > self._silence_s:
@@ -170,7 +184,7 @@ class Link:
             if self.state == "open":
                 self._refused["unexpected"] += 1  # not signed
             else:
-                self.refusal = f"the peer refuses: {message.text}"
+                self.refusal, self.refused_as = f"the peer refuses: {message.text}", "refused by the peer"
                 self.close()
         elif isinstance(message, Proof):
             self._take_proof(message, now)
@@ -205,11 +219,12 @@ class Link:
                 self._refused["unexpected"] += 1
             return
         if hello.role == self.role:
-            self._refuse(f"both ends are {self.role}s; one of them needs --role {_other(self.role)}")
+            self._refuse("same role", f"both ends are {self.role}s; one of them needs --role {_other(self.role)}")
         elif hello.snippet_rate_hz != self._rate_hz:
             self._refuse(
+                "snippet rates differ",
                 f"snippets of {self._rate_hz:g} Hz by the {self.role} and of {hello.snippet_rate_hz:g} Hz by the "
-                f"{hello.role}; the same --snippet-rate is needed"
+                f"{hello.role}; the same --snippet-rate is needed",
             )
         else:
             self._peer_hello, self._peer_role = body, hello.role
@@ -225,10 +240,10 @@ class Link:
             self._refused["unexpected"] += 1
         elif self.state == "proving":
             if self._keys.proves(self._peer_role, proof.proof):
-                self.state = "informing"
+                self.state, self._proved = "informing", True
                 self._inform(now)
             else:
-                self._refuse("the keys of the two ends differ")
+                self._refuse("keys differ", "the keys of the two ends differ")
 
     def _greet_again(self, now: float) -> None:
         self._greeted = now
@@ -245,8 +260,8 @@ class Link:
         if self._keys is not None:
             self._clear(Kind.PROOF, messages.pack(Proof(self._keys.proof_of(self.role)))[1])
 
-    def _refuse(self, text: str) -> None:
-        self.refusal = text
+    def _refuse(self, name: str, text: str) -> None:
+        self.refused_as, self.refusal = name, text
         self._clear(Kind.REFUSE, messages.pack(Refuse(text))[1])
         self.close()
 

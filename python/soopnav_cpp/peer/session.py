@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import os
 import re
 import socket
 import time
@@ -30,7 +31,8 @@ class PeerRefusedError(ValueError):
 
 
 class Role(Protocol):
-    """What `Anchor` and `Target` are to a session. Nothing here raises for what the peer does."""
+    """What `Anchor` and `Target` are to a session. Nothing here raises for what the peer does: what it raises (a full
+    disk, say) ends the session's `run`."""
 
     role: str
     snippet_rate_hz: float
@@ -139,7 +141,7 @@ class Traffic:
         Sessions that began; attempts to connect that failed; sessions that were lost.
     sent_bytes, received_bytes : int
     refused : Counter
-        Frames, messages and connections, by reason.
+        Frames, messages and connections, by reason; the reasons are a fixed set of names.
     """
 
     sessions: int = 0
@@ -192,11 +194,12 @@ class Session:
         self._on_listening, self._clock = on_listening, clock
         self._link: Link | None = None  # the open one
         self._alone_since = clock()
-        self._greeting = 0
+        self._greeting: dict[int, Link] = {}  # not open yet, the oldest first
         self._accepted_tasks: set[asyncio.Task[Any]] = set()
         self._wakes: dict[int, asyncio.Event] = {}  # of connections, by their link
         self._over = asyncio.Event()
         self._refusal = ""
+        self._error: Exception | None = None  # of the role, in an accepted connection
         self._closing = 0  # good-byes said
 
     async def run(self) -> None:
@@ -208,6 +211,8 @@ class Session:
             When this end connects and the two do not fit, or when an open session finds that they do not.
         OSError
             For an address that cannot be listened at.
+        Exception
+            What the role raised.
         """
         self._alone_since = self._clock()
         server = await self._serve() if self._listen else None
@@ -220,6 +225,8 @@ class Session:
             for task in tasks:
                 if task.done() and not task.cancelled() and (error := task.exception()) is not None:
                     raise error
+            if self._error is not None:
+                raise self._error
         finally:
             if server is not None:
                 server.close()
@@ -242,6 +249,15 @@ class Session:
     # ---- connections
 
     async def _serve(self) -> asyncio.Server:
+        try:
+            return await self._open_server()
+        except OSError as error:
+            if error.errno is None or error.filename is not None:
+                raise
+            reason = os.strerror(error.errno) if error.errno > 0 else error.strerror  # below zero: of name look-ups
+            raise OSError(error.errno, reason, str(self._address)) from error
+
+    async def _open_server(self) -> asyncio.Server:
         path = self._address.path
         if path is not None:
             _remove_dead(path)
@@ -257,19 +273,25 @@ class Session:
         return server
 
     async def _accepted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._greeting >= _MOST_GREETING:
+        if len(self._greeting) >= _MOST_GREETING:
             self.traffic.refused["too many connections"] += 1
-            writer.close()
-            return
+            silent = next((link for link in self._greeting.values() if not link.proved), None)
+            if silent is None:
+                writer.close()
+                return
+            self._drop(silent, "too many connections")
         task = asyncio.current_task()
         assert task is not None
         self._accepted_tasks.add(task)
         try:
             link = await self._talk(reader, writer)
-            if link.refusal:
-                self.traffic.refused[link.refusal] += 1
+            if link.refused_as:
+                self.traffic.refused[link.refused_as] += 1
         except asyncio.CancelledError:
             pass
+        except Exception as error:  # the role's: this end cannot go on
+            self._error = self._error or error
+            self._over.set()
         finally:
             self._accepted_tasks.discard(task)
 
@@ -297,7 +319,6 @@ class Session:
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Link:
         """One connection from its beginning to its end."""
         options = self._options
-        self._greeting += 1
         link = Link(
             self._role.role,
             self._key,
@@ -310,7 +331,7 @@ class Session:
             heartbeat_s=options.heartbeat_s,
             silence_s=options.silence_s,
         )
-        greeting = True
+        self._greeting[id(link)] = link
         wake = asyncio.Event()
         self._wakes[id(link)] = wake
         read = asyncio.create_task(reader.read(_READ_BYTES))
@@ -329,35 +350,35 @@ class Session:
                     woken = asyncio.create_task(_wait(wake))
                 if not read.done():
                     continue
-                data = read.result()
+                try:
+                    data = read.result()
+                except OSError as error:
+                    link.close(f"the connection broke: {error}")
+                    break
                 if not data:
                     link.close("the connection ended")
                     break
                 read = asyncio.create_task(reader.read(_READ_BYTES))
                 said = link.receive(data, self._clock())
-                if greeting and link.state == "open":
-                    greeting = False
-                    self._greeting -= 1
+                if link.state == "open" and self._greeting.pop(id(link), None) is not None:
                     self._begin(link)
                 for message in said:
                     self._handle(link, message)
                 if link is self._link:
                     await asyncio.sleep(0)
-        except OSError as error:
-            link.close(f"the connection broke: {error}")
         finally:
             read.cancel()
             woken.cancel()
             del self._wakes[id(link)]
-            if greeting:
-                self._greeting -= 1
-            with contextlib.suppress(OSError, asyncio.CancelledError, asyncio.TimeoutError):
+            self._greeting.pop(id(link), None)
+            with contextlib.suppress(asyncio.CancelledError, asyncio.TimeoutError):
                 await asyncio.wait_for(self._write(link, writer), 1.0)
             link.close()
             self._end(link)
             writer.close()
             with contextlib.suppress(OSError, asyncio.CancelledError, asyncio.TimeoutError):
                 await asyncio.wait_for(writer.wait_closed(), 1.0)
+            writer.transport.abort()  # a stalled peer would keep it open
         return link
 
     async def _write(self, link: Link, writer: asyncio.StreamWriter) -> None:
@@ -365,10 +386,38 @@ class Session:
         if data:
             self.traffic.sent_bytes += len(data)
             writer.write(data)
-            await writer.drain()
+            await self._drain(link, writer)
+
+    async def _drain(self, link: Link, writer: asyncio.StreamWriter) -> None:
+        """Wait until the peer has taken what is written, as long as it takes anything."""
+        left = writer.transport.get_write_buffer_size()
+        while True:
+            try:
+                await asyncio.wait_for(writer.drain(), self._options.silence_s)
+                return
+            except asyncio.TimeoutError:
+                before, left = left, writer.transport.get_write_buffer_size()
+                if left >= before:
+                    link.close("the peer is silent")
+                    return
+            except OSError as error:
+                link.close(f"the connection broke: {error}")
+                return
+
+    def _drop(self, link: Link, why: str) -> None:
+        """Close a connection, and let it notice at once."""
+        self._greeting.pop(id(link), None)
+        link.close(why)
+        if (wake := self._wakes.get(id(link))) is not None:
+            wake.set()
 
     def _begin(self, link: Link) -> None:
         assert link.peer is not None
+        if self._link is not None:  # half-open: the peer is here again
+            before, self._link = self._link, None
+            self._drop(before, "a newer session began")
+            self._role.detach()
+            self.traffic.lost += 1
         refusal = self._role.attach(link.peer)
         if refusal:
             link.send(Bye(True, refusal), self._clock())
@@ -376,9 +425,6 @@ class Session:
             link.close(refusal)
             self._over.set()
             return
-        if self._link is not None:
-            self._link.close("a newer session began")
-            self._role.detach()
         self._link = link
         self.state = "connected"
         self.traffic.sessions += 1
