@@ -249,6 +249,12 @@ def test_caf_refuses_what_cannot_be_compared(recorded, tmp_path):
     assert code == 2
     assert "odd.sigmf-meta" in said
     assert run(a, a, "--start", "9")[0] == 2
+    for option, value in (
+        ("--duration", "0"), ("--max-doppler", "inf"), ("--max-delay", "nan"), ("--bandwidth", "inf"),
+    ):  # fmt: skip
+        code, said = run(a, a, option, value)
+        assert (code, said.startswith(option)) == (2, True)
+    assert "less than one sample" in run(a, a, "--duration", "1e-9")[1]
     assert run(a, a, "--plot", tmp_path / "x.jpg")[0] == 2
 
 

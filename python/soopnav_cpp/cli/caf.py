@@ -147,6 +147,8 @@ def _cut(
     rate = a.sample_rate_hz
     first = [round((begin - s) * rate) for s in starts]
     count = min(int((end - begin) * rate), *(len(r.iq) - i for r, i in zip((a, b), first, strict=True)))
+    if count < 1:
+        raise ValueError(f"{a.name} and {b.name}: less than one sample, {text.duration(1.0 / rate)}, to compare")
     both = []
     for r, s, i in zip((a, b), starts, first, strict=True):
         iq = np.ascontiguousarray(r.iq[i : i + count])
@@ -165,9 +167,13 @@ def answer(
     step: Steps,
 ) -> Answer:
     """Read both, bring them together and measure."""
-    for name, value in (("--start", start_s), ("--duration", duration_s)):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{name} {value:g}: a number of seconds of at least 0 expected")
+    if not (math.isfinite(start_s) and start_s >= 0.0):
+        raise ValueError(f"--start {start_s:g}: a number of seconds of at least 0 expected")
+    if duration_s is not None and not (math.isfinite(duration_s) and duration_s > 0.0):
+        raise ValueError(f"--duration {duration_s:g}: a number of seconds above 0 expected")
+    for name, value in (("--max-delay", max_delay_s), ("--max-doppler", max_doppler_hz), ("--bandwidth", bandwidth_hz)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ValueError(f"{name} {value:g}: a finite number of at least 0 expected")
     notes: list[str] = []
     step(f"reading {paths[0].name} and {paths[1].name}")
     a, b = _read(paths)
