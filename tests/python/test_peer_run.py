@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import math
 import shutil
 import socket
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,10 +18,11 @@ from click.testing import CliRunner
 
 from soopnav_cpp import geometry, io, orbits
 from soopnav_cpp.cli.app import cli
+from soopnav_cpp.cli.peer import print_result
 from soopnav_cpp.experiments import mei_peer as experiment
 from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
-from soopnav_cpp.peer import local, messages, proxy, report, roles
+from soopnav_cpp.peer import frames, local, messages, proxy, report, roles
 from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
 from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _OwnSkew
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
@@ -153,6 +156,67 @@ def test_a_target_goes_on_where_it_was(world, tmp_path: Path) -> None:
         state.write_text(text)
         with pytest.raises(ValueError, match="not a state"):
             target_of(world, state=state)
+
+
+@pytest.mark.unit
+def test_a_state_that_cannot_be_kept_or_true_is_refused_at_set_up(
+    world, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for bad in (tmp_path / "nowhere" / "state", tmp_path):
+        with pytest.raises(ValueError, match=rf"{bad} \(--state\): the track cannot be kept there"):
+            target_of(world, state=bad)
+    state = tmp_path / "state"
+    target = target_of(world, state=state)
+    assert not list(tmp_path.iterdir())
+    mean = np.concatenate([np.array(world.truth_e_m), np.zeros(5)])
+    target.track.tracker.start_at(0.0, mean, np.eye(8))
+    target.track.running = True
+    target.track.write()
+    kept = json.loads(state.read_text())
+    assert np.array_equal(target_of(world, state=state).track.tracker.mean, mean)
+    with monkeypatch.context() as full:
+        full.setattr(Path, "replace", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
+        with pytest.raises(OSError, match=str(state)):
+            target.track.write()
+    for lie in (
+        {"t_s": 10**400}, {"mean": [10**400] * 8}, {"mean": [0.0] * 8}, {"mean": [1e300] * 8},
+        {"mean": [*mean[:5], 1e7, 0.0, 0.0]}, {"mean": [*mean[:6], 1e300, 0.0]}, {"mean": [*mean[:7], 1e300]},
+        {"mean": [*mean[:7], math.nan]},
+    ):  # fmt: skip
+        state.write_text(json.dumps({**kept, **lie}))
+        with pytest.raises(ValueError, match="not a state"):
+            target_of(world, state=state)
+
+
+@pytest.mark.unit
+def test_a_proxy_tells_of_what_came_through() -> None:
+    fates = iter([[], [b"damaged"], None, None])
+    told: list[int] = []
+
+    async def run() -> None:
+        done = asyncio.Event()
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            for kind in (5, 6, 7, 8):
+                writer.write(frames.encode(kind, 0, b"x"))
+            await done.wait()
+            writer.close()
+
+        def faults(frame: bytes, _: bool) -> list[bytes]:
+            fate = next(fates)
+            return [frame] if fate is None else [frame[:-1] + bytes([frame[-1] ^ 1]) for _ in fate]
+
+        server = await asyncio.start_server(serve, "127.0.0.1", 0)
+        inner = Address("127.0.0.1", server.sockets[0].getsockname()[1])
+        with proxy.BadConnection(inner, faults, on_frame=told.append) as between:
+            reader, writer = await asyncio.open_connection(between.address.host, between.address.port)
+            await reader.readexactly(3 * (frames.OVERHEAD + 1))
+            writer.close()
+            done.set()
+        server.close()
+
+    asyncio.run(run())
+    assert told == [7, 8]
 
 
 @pytest.mark.slow
@@ -401,6 +465,39 @@ def test_the_command_refuses_in_a_sentence(world, tmp_path: Path, monkeypatch: p
     empty.with_suffix(".sigmf-data").write_bytes(b"")
     good[3] = str(empty)
     assert "empty" in refusal(*good, "--listen", ":0")
+
+
+@pytest.mark.unit
+def test_the_command_says_what_will_not_do_before_it_waits(world, tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    key.write_bytes(KEY)
+    common = ["--orbits", str(world.ephemeris), "--key-file", str(key), "--wait", "0.1"]
+    anchor = [*common, "--role", "anchor", "--source", str(world.anchor), f"--at={world.anchor_at}"]
+    target = [*common, "--role", "target", "--source", str(world.target), f"--at={world.guess_at}"]
+    assert "--state: of the target alone" in refusal(*anchor, "--listen", ":0", "--state", "x")
+    assert "--bits: of the anchor alone" in refusal(*target, "--listen", ":0", "--bits", "2")
+    assert "--bandwidth: of the anchor alone" in refusal(*target, "--listen", ":0", "--bandwidth", "9e3")
+    assert "no peer at localhost:9 within 0.1 s" in refusal(*target, "--connect", "localhost:9")
+    assert f"no peer at unix:{tmp_path}/s within" in refusal(*anchor, "--listen", f"unix:{tmp_path}/s")
+    assert f"{tmp_path}/no/s: no such file" in refusal(*anchor, "--listen", f"unix:{tmp_path}/no/s")
+    assert f"{key}/out: not a directory" in refusal(*anchor, "--listen", ":0", "--out", f"{key}/out")
+    assert "(--state): the track cannot be kept" in refusal(
+        *target, "--listen", ":0", "--state", f"{tmp_path}/no/state"
+    )
+
+
+@pytest.mark.unit
+def test_what_a_peer_says_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
+    print_result(
+        {
+            "role": "anchor", "source": "a[/bold].sigmf-meta", "counts": {"[/red]": 1}, "reasons": {"[/bold]": 2},
+            "refused": {"[red]x": 3}, "sessions": 1, "sessions_lost": 0, "sent_bytes": 0, "received_bytes": 0,
+            "samples_not_finite": 0,
+        }
+    )  # fmt: skip
+    said = capsys.readouterr().out
+    for name in ("a[/bold].sigmf-meta", "[/red]", "  [/bold]", "refused: [red]x"):
+        assert name in said
 
 
 @pytest.mark.example

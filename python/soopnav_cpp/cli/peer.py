@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import math
+import os
 import sys
 import time
 from pathlib import Path
@@ -28,6 +30,7 @@ soopnav peer --role target --source pair/target.sigmf-meta --connect unix:pair/s
 wait
 """
 _CLOCKS = {"none": None, "ocxo": (8e-20, 4e-23), "tcxo": (2e-19, 2e-20)}
+_OF_ONE_ROLE = {"anchor": ("bandwidth_bps", "bits"), "target": ("state",)}
 _POSITIVE = Finite(min=0.0, min_open=True)
 
 
@@ -102,6 +105,11 @@ def peer(**given: Any) -> None:
         if given[name] is None:
             option = {"what": "--source", "orbits_path": "--orbits", "at_deg": "--at"}.get(name, f"--{name}")
             raise ValueError(f"{option} is missing; soopnav peer --example shows how both ends are run")
+    for role, names in _OF_ONE_ROLE.items():
+        for name in names:
+            if given["role"] != role and given[name] is not None:
+                option = "--" + name.removesuffix("_bps")
+                raise ValueError(f"{option}: of the {role} alone; this end is --role {given['role']}")
     if (given["listen"] is None) == (given["connect"] is None):
         raise ValueError("one of --listen and --connect expected")
     _run(**given)
@@ -159,6 +167,10 @@ def _run(**o: Any) -> None:
             anchor_clock=clock,
         )
         end = Target(source, beacons, track, options=options)
+    if o["out"] is not None:  # found now, not after the run
+        o["out"].mkdir(parents=True, exist_ok=True)
+        if not os.access(o["out"], os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(o["out"]))
     quiet = o["as_json"]
     session = Session(
         end,
@@ -172,6 +184,10 @@ def _run(**o: Any) -> None:
         asyncio.run(_with_status(session, end, quiet or not sys.stderr.isatty()))
     except KeyboardInterrupt:
         click.echo("", err=True)
+    else:
+        if session.traffic.sessions == 0:
+            refused = ", ".join(f"{name}: {n}" for name, n in sorted(session.traffic.refused.items()))
+            raise ValueError(f"no peer at {address} within {o['wait_s']:g} s{refused and f' ({refused})'}")
     if isinstance(end, Target):
         end.track.write()
     result = report.write(end, session.traffic, o["out"]) if o["out"] else report.summary(end, session.traffic)
@@ -216,18 +232,20 @@ def _status(session: Any, end: Any, elapsed_s: float) -> str:
 def print_result(result: dict[str, Any]) -> None:
     """The table, and a target's estimate."""
     from rich.table import Table
+    from rich.text import Text
 
     console = stdout()
-    console.print(f"{result['role']}: {result['source']}", highlight=False, soft_wrap=True)
+    # Text: what a peer or a file is called is no markup.
+    console.print(Text(f"{result['role']}: {result['source']}"), soft_wrap=True)
     table = Table()
     table.add_column("what")
     table.add_column("number", justify="right")
     for name, number in result["counts"].items():
-        table.add_row(name, str(number))
+        table.add_row(Text(name), str(number))
     for name, number in result["reasons"].items():
-        table.add_row(f"  {name}", str(number))
+        table.add_row(Text(f"  {name}"), str(number))
     for name, number in result["refused"].items():
-        table.add_row(f"  refused: {name}", str(number))
+        table.add_row(Text(f"  refused: {name}"), str(number))
     for name in ("sessions", "sessions_lost", "sent_bytes", "received_bytes", "samples_not_finite"):
         if result[name] or name == "sessions":
             table.add_row(name.replace("_", " "), str(result[name]))

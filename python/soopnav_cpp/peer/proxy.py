@@ -9,7 +9,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 
-from soopnav_cpp.peer.frames import OVERHEAD
+from soopnav_cpp.peer.frames import OVERHEAD, FrameDecoder
 from soopnav_cpp.peer.session import Address
 
 __all__ = ["BadConnection", "Faults"]
@@ -68,6 +68,10 @@ class Faults:
         return [frame, *behind]
 
 
+def _whole(frame: bytes) -> bool:
+    return any(True for _ in FrameDecoder().push(frame))
+
+
 class BadConnection:
     """Accepts connections on this machine and passes what it hears on to `inner`, but for what `faults` does to it.
 
@@ -80,7 +84,8 @@ class BadConnection:
     faults : callable
         ``faults(frame, to_listener)``: frames that come out in place of one, as `Faults`.
     on_frame : callable, optional
-        ``on_frame(kind)``, told of each frame that goes to the connecting end.
+        ``on_frame(kind)``, told of each frame that comes out whole to the connecting end: of none that was lost or
+        damaged, of a delayed one when it comes, of a repeated one twice.
 
     Attributes
     ----------
@@ -172,7 +177,7 @@ class BadConnection:
                     del held[:size]
                     for out in self._faults(frame, to_listener):
                         writer.write(out)
-                    if self._on_frame is not None and not to_listener:
-                        self._on_frame(frame[_KIND])
+                        if self._on_frame is not None and not to_listener and _whole(out):
+                            self._on_frame(out[_KIND])
                 await writer.drain()
         writer.close()

@@ -21,6 +21,9 @@ _Array = npt.NDArray[np.float64]
 _LIGHT_MPS = 299_792_458.0
 _FORMAT = "soopnav peer state 1"
 _EKF_WITHIN_M = 10e3  # further off a batch starts the track
+_RADIUS_M = (6e6, 1e8)  # of a place in a state that is read
+_MOST_MPS = 1e5  # its speed
+_MOST_CLOCK_S, _MOST_SKEW = 10.0, 1e-2
 _PATIENCE = 4  # batches, after which a start is taken although another place fits as well
 
 
@@ -51,6 +54,22 @@ def _bursts(rows: list[Measured]) -> PairBursts:
         anchor_position_e_m=np.array([m.anchor_position_e_m for m in rows]),
         anchor_velocity_e_mps=np.array([m.anchor_velocity_e_mps for m in rows]),
     )
+
+
+def _beside(file: Path) -> Path:
+    return file.with_name(file.name + ".new")
+
+
+def _check_mean(mean: _Array) -> None:
+    """Refuse what no receiver near the Earth can have; NaN as well."""
+    radius_m, speed_mps = float(np.hypot.reduce(mean[:3])), float(np.hypot.reduce(mean[3:6]))
+    if not _RADIUS_M[0] <= radius_m <= _RADIUS_M[1]:
+        raise ValueError(f"a place {radius_m:g} m from the Earth's centre")
+    if not speed_mps <= _MOST_MPS:
+        raise ValueError(f"a speed of {speed_mps:g} m/s")
+    offset_s, skew = (float(x) / _LIGHT_MPS for x in mean[6:])
+    if not (abs(offset_s) <= _MOST_CLOCK_S and abs(skew) <= _MOST_SKEW):
+        raise ValueError(f"a clock {offset_s:g} s off with a skew of {skew:g}")
 
 
 @dataclass
@@ -100,7 +119,7 @@ class Track:
     Raises
     ------
     ValueError
-        For options out of range, and a state that cannot be read.
+        For options out of range, a state that cannot be read, and one that cannot be kept where `state` says.
     """
 
     def __init__(
@@ -139,8 +158,8 @@ class Track:
             beacon_epoch_s=beacons.epoch_s,
             **options,
         )
-        if self._file is not None and self._file.exists():
-            self._read()
+        if self._file is not None:
+            self._prepare(self._file)
 
     def add(self, measured: Measured) -> str:
         """Take a measurement; what became of it, in a word or two: ``used``, ``waiting``, ``refused: ...``."""
@@ -201,14 +220,29 @@ class Track:
             "mean": self.tracker.mean.tolist(),
             "covariance": self.tracker.covariance.tolist(),
         }
-        beside = self._file.with_name(self._file.name + ".new")
-        beside.write_text(json.dumps(content), encoding="utf-8")
-        beside.replace(self._file)
-
-    def _read(self) -> None:
-        assert self._file is not None
+        beside = _beside(self._file)
         try:
-            content = json.loads(self._file.read_text(encoding="utf-8"))
+            beside.write_text(json.dumps(content), encoding="utf-8")
+            beside.replace(self._file)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._file)) from error
+
+    def _prepare(self, file: Path) -> None:
+        """Read a state that is there, and see whether one can be written: not first after a long wait for a burst."""
+        try:
+            if file.exists():
+                self._read(file)
+                self.write()
+            else:
+                _beside(file).touch()
+                _beside(file).unlink()
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise ValueError(f"{file} (--state): the track cannot be kept there: {reason}") from error
+
+    def _read(self, file: Path) -> None:
+        try:
+            content = json.loads(file.read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}")
             t_unix = float(content["reference_unix_s"]) + float(content["t_s"])
@@ -216,9 +250,10 @@ class Track:
             covariance = np.array(content["covariance"], np.float64)
             if mean.shape != (8,) or covariance.shape != (8, 8) or not math.isfinite(t_unix):
                 raise ValueError("its shapes")
+            _check_mean(mean)
             t_s = float(content["t_s"]) + (float(content["reference_unix_s"]) - self._beacons.reference_unix_s)
             self.tracker.start_at(t_s, mean, covariance)
             self.running = True
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise ValueError(f"{self._file}: not a state of a target that was kept: {error}") from error
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise ValueError(f"{file}: not a state of a target that was kept: {error}") from error
         self.resume_unix_s = t_unix
