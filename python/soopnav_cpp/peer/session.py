@@ -234,6 +234,8 @@ class Session:
                     self._address.path.unlink(missing_ok=True)
             if self._link is not None:
                 self._link.close()
+            for link in list(self._greeting.values()):
+                self._drop(link, "this end is done")
             for task in (waiter, *tasks):
                 task.cancel()
             await asyncio.gather(waiter, *tasks, return_exceptions=True)
