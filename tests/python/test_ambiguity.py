@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -15,6 +16,7 @@ from click.testing import CliRunner
 
 import soopnav_cpp as sn
 from soopnav_cpp import dsp, io
+from soopnav_cpp.cli import caf as work
 from soopnav_cpp.cli.app import cli
 
 pytestmark = pytest.mark.unit
@@ -218,6 +220,59 @@ def test_caf_uses_starts_rates_and_centre_frequencies(tmp_path):
     assert answer["tdoa_s"] == pytest.approx(6e-6, abs=5.0 * answer["sigma_tdoa_s"])
     assert answer["fdoa_hz"] == pytest.approx(800.0, abs=5.0 * answer["sigma_fdoa_hz"])
     assert any("resampled" in note for note in answer["notes"])
+
+
+@pytest.mark.parametrize("rate_b", [RATE, 2.0 * RATE])
+def test_caf_takes_no_stretch_out_that_only_tuning_makes(tmp_path, rate_b):
+    # A second of symbols, 100 kHz between the centres, 800 Hz of Doppler: 0.5 us of true stretch, 61 us of a false one.
+    burst = sn.iridium.make_burst(sn.iridium.BurstKind.LONG, seed=4, duration_s=1.0)
+    rng = np.random.default_rng(4)
+    a, b = (
+        (x + 0.3 * (rng.normal(size=x.size) + 1j * rng.normal(size=x.size))).astype(np.complex64)
+        for x in (
+            burst.render(round(1.01 * RATE), RATE, delay_s=2e-3 + 6e-6, doppler_hz=-49.2e3),
+            burst.render(round(1.01 * rate_b), rate_b, delay_s=2e-3, doppler_hz=50e3),
+        )
+    )
+    first = write(tmp_path / "a", a, center_frequency_hz=1626.1e6)
+    second = write(tmp_path / "b", b, rate_b, center_frequency_hz=1626e6)
+    for one, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+        found = work.answer(
+            (one, other),
+            max_delay_s=20e-6,
+            max_doppler_hz=3e3,
+            bandwidth_hz=0.0,
+            start_s=0.0,
+            duration_s=None,
+            step=lambda *_, **__: None,
+        )
+        assert found.result.detected
+        assert found.result.tdoa_rate == pytest.approx(-sign * 800.0 / 1626e6, abs=1e-9)
+        assert found.fdoa_hz == pytest.approx(sign * 800.0, abs=0.05)
+        assert found.tdoa_s == pytest.approx(sign * 6e-6, abs=1e-6)  # the burst itself was made without a stretch
+        assert found.result.duration_s > 0.9
+        assert any("was moved by" in note for note in found.notes)
+
+
+def test_caf_shows_two_figures_of_a_small_sigma(recorded):
+    paths = recorded
+    found = work.answer(
+        paths,
+        max_delay_s=20e-6,
+        max_doppler_hz=3e3,
+        bandwidth_hz=0.0,
+        start_s=0.0,
+        duration_s=None,
+        step=lambda *_, **__: None,
+    )
+    for sigma, shown in (
+        (0.572, "± 0.572 Hz"),
+        (0.0123, "± 0.012 Hz"),
+        (2.04e-5, "± 0.000020 Hz"),
+        (0.0, "± 0.000 Hz"),
+    ):
+        small = dataclasses.replace(found, result=dataclasses.replace(found.result, sigma_fdoa_hz=sigma))
+        assert shown in "\n".join(work.sentences(small))
 
 
 def test_caf_refuses_what_cannot_be_compared(recorded, tmp_path):

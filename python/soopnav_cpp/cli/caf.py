@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp import dsp, io
+from soopnav_cpp import dsp, io, simulation
 from soopnav_cpp.cli import text
 from soopnav_cpp.cli.progress import Steps
 
@@ -58,11 +58,11 @@ class Answer:
     tdoa_s, fdoa_hz : float
         Of the signal on the air: starts and centre frequencies of the recordings are accounted for.
     result : dsp.CrossAmbiguityResult
-        Of the samples.
+        Of the samples of `a` and `b` below.
     notes : list of str
         What was done to the recordings before.
     a, b : Recording
-        As they were measured, at one rate and equally long.
+        As they were measured, at one rate, about one centre frequency and equally long.
     options : dict
         Of the search.
     """
@@ -121,6 +121,29 @@ def _one_rate(a: Recording, b: Recording, notes: list[str]) -> tuple[Recording, 
     return both[0], both[1]
 
 
+def _one_center(a: Recording, b: Recording, notes: list[str]) -> tuple[Recording, Recording]:
+    """Both about one centre frequency: the one with the higher rate is moved, so that no more is lost than must be.
+
+    What is left between them is then Doppler alone, and the search takes no other stretch out (-Doppler / carrier).
+    """
+    if a.center_hz is None or b.center_hz is None:
+        notes.append("a centre frequency is missing: both recordings are taken to have the same")
+        return a, b
+    apart_hz = a.center_hz - b.center_hz
+    if abs(apart_hz) >= 0.5 * (a.sample_rate_hz + b.sample_rate_hz):
+        raise ValueError(
+            f"{a.name} is centred on {text.megahertz(a.center_hz)} and {b.name} on {text.megahertz(b.center_hz)}: "
+            "their bands do not overlap"
+        )
+    if apart_hz == 0.0 or np.array_equal(a.iq, b.iq):  # what is identical stays so, and is told
+        return a, b
+    moved, kept, by_hz = (a, b, apart_hz) if a.sample_rate_hz >= b.sample_rate_hz else (b, a, -apart_hz)
+    notes.append(f"{moved.name} was moved by {text.frequency_offset(-by_hz)} to the centre frequency of {kept.name}")
+    iq = simulation.apply_cfo(moved.iq, by_hz, moved.sample_rate_hz)
+    moved = dataclasses.replace(moved, iq=iq, center_hz=kept.center_hz)
+    return (moved, kept) if by_hz == apart_hz else (kept, moved)
+
+
 def _cut(
     a: Recording, b: Recording, start_s: float, duration_s: float | None, notes: list[str]
 ) -> tuple[Recording, Recording]:
@@ -177,22 +200,9 @@ def answer(
     notes: list[str] = []
     step(f"reading {paths[0].name} and {paths[1].name}")
     a, b = _read(paths)
-    apart_hz = 0.0
-    if a.center_hz is None or b.center_hz is None:
-        notes.append("a centre frequency is missing: both recordings are taken to have the same")
-    else:
-        apart_hz = a.center_hz - b.center_hz
-        if abs(apart_hz) >= 0.5 * (a.sample_rate_hz + b.sample_rate_hz):
-            raise ValueError(
-                f"{a.name} is centred on {text.megahertz(a.center_hz)} and {b.name} on {text.megahertz(b.center_hz)}: "
-                "their bands do not overlap"
-            )
+    a, b = _one_center(a, b, notes)
     a, b = _one_rate(a, b, notes)
     rate = a.sample_rate_hz
-    if abs(apart_hz) > rate:
-        raise ValueError(
-            f"the centre frequencies are {text.frequency_offset(apart_hz)} apart: more than {text.rate(rate)} can show"
-        )
     a, b = _cut(a, b, start_s, duration_s, notes)
     common_s = len(a.iq) / rate
     if max_delay_s > 0.4 * common_s:
@@ -201,10 +211,11 @@ def answer(
     options = {
         "max_delay_s": max_delay_s,
         "max_doppler_hz": min(max_doppler_hz, rate),
-        "doppler_center_hz": -apart_hz,
         "bandwidth_hz": bandwidth_hz,
         "carrier_hz": b.center_hz or 0.0,
     }
+    # Of identical samples alone: others are about one centre by now.
+    apart_hz = 0.0 if a.center_hz is None or b.center_hz is None else a.center_hz - b.center_hz
     step("searching")
     result = dsp.cross_ambiguity(a.iq, b.iq, rate, **options)  # type: ignore[arg-type]
     return Answer(
@@ -217,6 +228,11 @@ def answer(
         b,
         options,
     )
+
+
+def _decimals(sigma: float) -> int:
+    """Decimals that show two figures of a standard deviation; at least 3, at most 12."""
+    return min(max(3, 1 - math.floor(math.log10(sigma))), 12) if 0.0 < sigma < math.inf else 3
 
 
 def sentences(found: Answer) -> list[str]:
@@ -242,7 +258,10 @@ def sentences(found: Answer) -> list[str]:
         f"{later} is later than {earlier} by {text.nanoseconds(abs(found.tdoa_s))} "
         f"± {text.nanoseconds(result.sigma_tdoa_s)}"
     )
-    lines.append(f"{higher} is higher than {lower} by {abs(found.fdoa_hz):.3f} Hz ± {result.sigma_fdoa_hz:.3f} Hz")
+    digits = _decimals(result.sigma_fdoa_hz)
+    lines.append(
+        f"{higher} is higher than {lower} by {abs(found.fdoa_hz):.{digits}f} Hz ± {result.sigma_fdoa_hz:.{digits}f} Hz"
+    )
     lines.append(
         f"peak {text.plain(result.snr_db, 1)} dB above the noise (threshold {text.plain(result.threshold_db, 1)} dB); "
         f"signal {text.plain(result.snr_a_db, 1)} and {text.plain(result.snr_b_db, 1)} dB, "
