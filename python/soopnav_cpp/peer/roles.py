@@ -38,6 +38,7 @@ __all__ = ["Anchor", "ExchangeOptions", "Target"]
 _KEPT_BURSTS = 4096
 _KEPT_LIVE_S = 15.0
 _ROUND = 250  # samples: snippets come in few lengths
+_BURST_HZ = 35e3  # 25 ksym/s, roll-off 0.4
 _MATCH_S = 1.5e-3  # by which two detectors may differ
 _LEAST_SIGMA_HZ = 5.0
 _SKEWS_AGREE = 1e-7
@@ -357,7 +358,9 @@ class Anchor(_End):
         if snippet_bytes(count, bits) > MAX_BODY:
             return Decline(asked.id, "too long")
         inner = slice(round(guard_s * rate), max(round((guard_s + heard.duration_s) * rate), round(guard_s * rate) + 1))
-        scale, data = quantise(iq, bits, burst=inner)
+        index = self.beacons.index(name)
+        satellite = index is not None and not self.beacons.orbits[index].is_fixed
+        scale, data = quantise(iq, bits, burst=inner, band=min(1.0, _BURST_HZ / rate) if satellite else 0.0)
         if not scale > 0.0:
             return Decline(asked.id, "no power")
         self._bucket.pay(snippet_bytes(count, bits))
