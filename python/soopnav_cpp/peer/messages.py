@@ -202,12 +202,16 @@ class Info:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """That the sender lives, how far it has listened, and whether it has come to the end of its recording."""
+    """That the sender lives, how far it has listened, and whether it has come to the end of its recording.
+
+    `proposals` says of a target how many it has made, of an anchor what the target's last heartbeat said: all of those
+    were answered before, or were lost on the way.
+    """
 
     KIND: ClassVar[Kind] = Kind.HEARTBEAT
     heard_to_s: float
     done: bool
-    waits_for: int  # proposals that have no answer yet
+    proposals: int
 
     @classmethod
     def read(cls, f: list[Any]) -> Heartbeat:

@@ -1,13 +1,16 @@
 """Anchor and target as state machines: messages and samples in, messages and a track out. No sockets here.
 
-The order in which the target takes bursts is that of their starts at the anchor, one after the other, and nothing that
-it decides depends on how fast messages or samples come. So two processes end with what one process ends with.
+The target asks for bursts in the order of their starts at the anchor and tracks them in the order of their epochs, and
+nothing that it decides depends on how fast messages or samples come: a proposal is given up when the order of messages
+says that it or its answer was lost, not when a time has passed, and what depends on the track is decided at the answer.
+So two processes end with what one process ends with.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +69,8 @@ class ExchangeOptions:
     lead_s : float
         Of a recording, by which one end may be ahead of the other.
     answer_s : float
-        By a stopwatch: a proposal without an answer is given up.
+        By a stopwatch: without any message of the peer, proposals without an answer are given up. Longer than a session
+        bears silence, so that the end of a session comes first.
     """
 
     snippet_rate_hz: float = 50e3
@@ -74,7 +78,7 @@ class ExchangeOptions:
     clock_s: float = 5e-3
     skew: float = 2e-6
     lead_s: float = 60.0
-    answer_s: float = 3.0
+    answer_s: float = 30.0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -236,6 +240,7 @@ class Anchor(_End):
         self._antenna, self._bits = antenna, bits
         self._bucket = TokenBucket(bandwidth_bps)
         self._next = 0
+        self._told = 0  # proposals of the target before its last heartbeat
         self._skew = _OwnSkew()
         self._held: deque[tuple[Heard, list[Candidate]]] = deque(maxlen=_KEPT_BURSTS)
         self._kept: dict[int, tuple[Heard, str]] = {}
@@ -248,6 +253,7 @@ class Anchor(_End):
     def attach(self, peer: Info) -> str:
         """As `_End`; a recording is read again from where the target needs it."""
         refusal = super().attach(peer)
+        self._told = 0
         if not refusal and not self.source.live:
             self._unsaid.clear()
             self._held.clear()
@@ -255,8 +261,8 @@ class Anchor(_End):
         return refusal
 
     def heartbeat(self) -> Heartbeat:
-        """That it lives, and how far it has come."""
-        return Heartbeat(self.heard_to_s, self._scanner.done and not self._unsaid and not self._held, 0)
+        """That it lives, how far it has come, and that all is answered that came before the target's last heartbeat."""
+        return Heartbeat(self.heard_to_s, self._scanner.done and not self._unsaid and not self._held, self._told)
 
     @property
     def finished(self) -> bool:
@@ -325,6 +331,7 @@ class Anchor(_End):
         del now
         if isinstance(message, Heartbeat):
             self._take_heartbeat(message)
+            self._told = message.proposals
         elif isinstance(message, Propose):
             self.counts["proposed"] += 1
             answer = self._answer(message)
@@ -373,8 +380,8 @@ class Anchor(_End):
 class _Asked:
     heard: Heard
     theirs: Detection  # times by one's own reference
-    beacon: Candidate
     said_at: float
+    number: int  # counts proposals
 
 
 class Target(_End):
@@ -397,7 +404,10 @@ class Target(_End):
         self.track = track
         self._mine: deque[Heard] = deque()
         self._queue: deque[Detection] = deque()
-        self._asked: dict[int, _Asked] = {}
+        self._asked: dict[int, _Asked] = {}  # in their order
+        self._proposals = 0
+        self._heard_at = -math.inf  # by the stopwatch: the peer's last message
+        self._measured: list[Measured] = []  # not yet tracked
         self._settled: deque[tuple[float, float]] = deque(maxlen=256)  # start, frequency at the anchor
         self._settled_to_s = self.source.start_s
         self._not_before_s = -math.inf  # middles of bursts
@@ -426,14 +436,19 @@ class Target(_End):
         self.counts["asked in vain"] += len(self._asked)
         self._asked.clear()
         self._queue.clear()
+        self._follow(math.inf)
 
     def heartbeat(self) -> Heartbeat:
-        """That it lives, and how far it has come."""
-        return Heartbeat(self.heard_to_s, self._scanner.done, len(self._asked))
+        """That it lives, how far it has come, and how much it has asked for."""
+        return Heartbeat(self.heard_to_s, self._scanner.done, self._proposals)
 
     @property
     def finished(self) -> bool:
         """Both have come to their ends, and every proposal to its own."""
+        return self._quiet and not self._measured
+
+    @property
+    def _quiet(self) -> bool:
         quiet = self._scanner.done and not self._queue and not self._asked
         return quiet and self.peer is not None and self._peer_heard_s >= FAR_FUTURE_S
 
@@ -443,18 +458,35 @@ class Target(_End):
         heard = self._scanner.step() if self._may_scan() else None
         if heard:
             self._mine.extend(heard)
-        for number in [n for n, a in self._asked.items() if now - a.said_at > self.options.answer_s]:
-            self._settle(self._asked.pop(number).theirs)
-            self.counts["no answer"] += 1
+        self._give_up(lambda asked: now - max(asked.said_at, self._heard_at) > self.options.answer_s)
         said = self._ask(now)
+        if self._quiet:
+            self._follow(math.inf)
         if self._scanner.done and not was_done:
             said.append(self.heartbeat())
         return said if heard is not None or said else None
 
+    def _give_up(self, on: Callable[[_Asked], bool]) -> None:
+        for number in [n for n, asked in self._asked.items() if on(asked)]:
+            self._settle(self._asked.pop(number).theirs)
+            self.counts["no answer"] += 1
+
+    def _answered(self, number: int) -> _Asked | None:
+        """What was asked. Answers come in order: what was asked before and has none will have none."""
+        asked = self._asked.pop(number, None)
+        if asked is not None:
+            before = asked.number
+            self._give_up(lambda other: other.number < before)
+            self._settle(asked.theirs)
+        return asked
+
     def handle(self, message: Message, now: float) -> list[Message]:
         """Take what the anchor says."""
+        self._heard_at = now
         if isinstance(message, Heartbeat):
             self._take_heartbeat(message)
+            told = message.proposals
+            self._give_up(lambda asked: asked.number < told)
         elif isinstance(message, Announce):
             self.counts["announced"] += len(message.bursts)
             if len(self._queue) + len(message.bursts) > _KEPT_BURSTS:
@@ -463,16 +495,14 @@ class Target(_End):
                 self._queue.extend(message.bursts)
             return self._ask(now)
         elif isinstance(message, Decline):
-            asked = self._asked.pop(message.id, None)
-            if asked is None:
+            if self._answered(message.id) is None:
                 self.counts["answer to nothing"] += 1
             else:
                 reason = message.reason if message.reason in _DECLINES else "another reason"  # names are the peer's
                 self.counts[f"declined: {reason}"] += 1
-                self._settle(asked.theirs)
         elif isinstance(message, Snippet):
-            asked = self._asked.pop(message.id, None)
-            if asked is None or message.beacon != asked.beacon.name:
+            asked = self._answered(message.id)
+            if asked is None or message.beacon != asked.theirs.beacon:
                 self.counts["answer to nothing"] += 1
             else:
                 self.counts["exchanged"] += 1
@@ -485,8 +515,15 @@ class Target(_End):
     def _settle(self, burst: Detection) -> None:
         self._settled.append((burst.start_s, burst.frequency_hz))
         self._settled_to_s = max(self._settled_to_s, burst.start_s)
+        self._follow(burst.start_s)
         while self._mine and self._mine[0].start_s < self._settled_to_s - 1.0:
             self._mine.popleft()
+
+    def _follow(self, to_s: float) -> None:
+        """Track what was measured before `to_s`: no burst that starts later has its middle there, however short."""
+        self._measured.sort(key=lambda m: m.t_s)
+        while self._measured and self._measured[0].t_s - self._to_orbits_s <= to_s:
+            self.counts[self.track.add(self._measured.pop(0))] += 1
 
     def _ask(self, now: float) -> list[Message]:
         said: list[Message] = []
@@ -498,27 +535,28 @@ class Target(_End):
                 break
             self._queue.popleft()
             theirs = _moved(theirs, self._shift_s)
-            reason, heard, beacon = self._agree(theirs, reach_s)
-            if heard is None or beacon is None:
+            reason, heard = self._agree(theirs, reach_s)
+            if heard is None:
                 self.counts[reason] += 1
                 self._settle_quietly(theirs)
                 continue
             self.counts["proposed"] += 1
-            self._asked[theirs.id] = _Asked(heard, theirs, beacon, now)
-            said.append(Propose(theirs.id, beacon.name))
+            self._asked[theirs.id] = _Asked(heard, theirs, now, self._proposals)
+            self._proposals += 1
+            said.append(Propose(theirs.id, theirs.beacon))
         return said
 
     def _settle_quietly(self, theirs: Detection) -> None:
         if not self._asked:
             self._settled_to_s = max(self._settled_to_s, theirs.start_s)
 
-    def _agree(self, theirs: Detection, reach_s: float) -> tuple[str, Heard | None, Candidate | None]:
+    def _agree(self, theirs: Detection, reach_s: float) -> tuple[str, Heard | None]:
         if theirs.start_s + 0.5 * theirs.duration_s <= self._not_before_s:
-            return "known already", None, None
+            return "known already", None
         if any(abs(t - theirs.start_s) < 5e-3 and abs(f - theirs.frequency_hz) < 2e3 for t, f in self._settled):
-            return "known already", None, None
+            return "known already", None
         if theirs.start_s < self._settled_to_s - 1.0:
-            return "too late", None, None
+            return "too late", None
         reach_hz = 4.0 * self.options.skew * theirs.frequency_hz + 2e3
         near = [
             heard
@@ -527,16 +565,31 @@ class Target(_End):
             and abs(heard.frequency_hz - theirs.frequency_hz) <= reach_hz
         ]
         if not near:
-            return "not heard here", None, None
+            return "not heard here", None
         heard = min(
             near, key=lambda h: abs(h.start_s - theirs.start_s) + 1e-6 * abs(h.frequency_hz - theirs.frequency_hz)
         )
         if self.beacons.index(theirs.beacon) is None:
-            return "beacon unknown here", None, None
-        for candidate in self._candidates(heard, self.track.guess_e_m, self.track.within_m):
-            if candidate.name == theirs.beacon:
-                return "", heard, candidate
-        return "beacon disagrees", None, None
+            return "beacon unknown here", None
+        return "", heard
+
+    def _beacon(self, asked: _Asked) -> Candidate | None:
+        """As which the target hears a burst, if it can be the anchor's: where the track is, or where it may begin."""
+        where, within_m = self._whereabouts(asked.heard.start_s + self._to_orbits_s)
+        for candidate in self._candidates(asked.heard, where, within_m):
+            if candidate.name == asked.theirs.beacon:
+                return candidate
+        return None
+
+    def _whereabouts(self, t_s: float) -> tuple[npt.NDArray[np.float64], float]:
+        """The target's place, and by how much it can be off: three sigma, and where it has gone since."""
+        track = self.track
+        if not track.running:
+            return track.guess_e_m, 3.0 * track.within_m
+        mean, variance = track.tracker.mean, np.diag(track.tracker.covariance)
+        speed = float(np.linalg.norm(mean[3:6])) + 3.0 * math.sqrt(max(float(np.sum(variance[3:6])), 0.0))
+        sigma = math.sqrt(max(float(np.sum(variance[:3])), 0.0))
+        return np.array(mean[:3]), 3.0 * sigma + speed * abs(t_s - track.tracker.t_s)
 
     def _measure(self, snippet: Snippet, asked: _Asked) -> None:
         rate, heard = self.snippet_rate_hz, asked.heard
@@ -544,6 +597,14 @@ class Target(_End):
         most = (asked.theirs.duration_s + 2.0 * self.options.guard_s) * rate + 2.0 * _ROUND
         if not least <= snippet.count <= most or abs(snippet.mix_hz - asked.theirs.frequency_hz) > 1e3:
             self.counts["snippet of another burst"] += 1
+            return
+        at_anchor_s = snippet.start_s + self._shift_s
+        if abs(at_anchor_s - asked.theirs.start_s) > 2.0 * self.options.guard_s + asked.theirs.duration_s:
+            self.counts["snippet of another burst"] += 1
+            return
+        beacon = self._beacon(asked)
+        if beacon is None:
+            self.counts["beacon disagrees"] += 1
             return
         cut = cut_snippet(self.source, heard.start_s - self.options.guard_s, snippet.count, snippet.mix_hz, rate)
         if cut is None:
@@ -555,7 +616,7 @@ class Target(_End):
             self.counts["snippet unreadable"] += 1
             return
         start_s, mine = cut
-        satellite = not self.beacons.orbits[asked.beacon.index].is_fixed
+        satellite = not self.beacons.orbits[beacon.index].is_fixed
         peak = dsp.cross_ambiguity(
             mine,
             theirs,
@@ -563,28 +624,26 @@ class Target(_End):
             max_delay_s=0.8 * self.options.guard_s,
             max_doppler_hz=1e3 * math.ceil((4.0 * self.options.skew * snippet.mix_hz + 2e3) / 1e3),
             symbol_rate_hz=25e3 if satellite else 0.0,
-            carrier_hz=asked.beacon.carrier_hz,
+            carrier_hz=beacon.carrier_hz,
         )
         if not peak.detected:
             self.counts[f"not measured: {peak.status.text}"] += 1
             return
         self.counts["measured"] += 1
-        at_anchor_s = snippet.start_s + self._shift_s
-        use = self.track.add(
+        self._measured.append(
             Measured(
                 t_s=at_anchor_s + self._to_orbits_s + peak.epoch_s,
-                beacon=asked.beacon.index,
+                beacon=beacon.index,
                 tdoa_s=(start_s - at_anchor_s) + peak.tdoa_s,
                 fdoa_hz=peak.fdoa_hz,
                 covariance=peak.covariance,
-                carrier_hz=asked.beacon.carrier_hz,
+                carrier_hz=beacon.carrier_hz,
                 anchor_position_e_m=np.array(snippet.position_e_m),
                 anchor_velocity_e_mps=np.array(snippet.velocity_e_mps),
                 bits=snippet.bits,
                 snr_db=peak.snr_b_db,
             )
         )
-        self.counts[use] += 1
 
 
 def _moved(burst: Detection, shift_s: float) -> Detection:
