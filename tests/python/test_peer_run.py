@@ -24,10 +24,10 @@ from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
 from soopnav_cpp.peer import frames, local, messages, proxy, report, roles
 from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
-from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _OwnSkew
+from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _Asked, _OwnSkew
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
 from soopnav_cpp.peer.sources import Recording
-from soopnav_cpp.peer.track import Track
+from soopnav_cpp.peer.track import Measured, Track
 
 pytest.importorskip("msgpack")
 
@@ -56,14 +56,16 @@ def anchor_of(world: mei_peer_setup.PeerWorld, path: Path | None = None, **more:
     return Anchor(source, known(world, source), antenna, **more)
 
 
-def target_of(world: mei_peer_setup.PeerWorld, path: Path | None = None, **more: object) -> Target:
+def target_of(
+    world: mei_peer_setup.PeerWorld, path: Path | None = None, options: ExchangeOptions | None = None, **more: object
+) -> Target:
     source = Recording(path or world.target)
     beacons = known(world, source)
     track = Track(
         beacons, place(world.guess_at), height_m=world.height_m, height_sigma_m=10.0, target_clock=mei_setup.OCXO,
         anchor_clock=mei_setup.OCXO, **more,
     )  # fmt: skip
-    return Target(source, beacons, track, options=ExchangeOptions(answer_s=0.5))
+    return Target(source, beacons, track, options=options)
 
 
 def off(world: mei_peer_setup.PeerWorld, target: Target) -> float:
@@ -132,6 +134,122 @@ def test_over_a_bad_connection_updates_are_lost_and_the_track_is_not(world) -> N
     assert refused["missing"] > 0
     assert 2 <= target.counts["used"] < world.bursts
     assert off(world, target) < 28.0
+
+
+def all_asked(anchor: Anchor, target: Target) -> list[messages.Message]:
+    """Both have listened to the end; what the target then asks for."""
+    assert anchor.attach(target.info()) == target.attach(anchor.info()) == ""
+    while not (anchor.heartbeat().done and target.heartbeat().done):
+        for message in anchor.step(0.0) or ():
+            target.handle(message, 0.0)
+        target._asked.clear()
+        target.step(0.0)
+        target.handle(replace(anchor.heartbeat(), proposals=0), 0.0)
+        anchor.handle(replace(target.heartbeat(), proposals=0), 0.0)
+    target.counts.clear()
+    target._settled.clear()
+    target._settled_to_s = -math.inf
+    bursts = [heard for heard, _ in anchor._kept.values()]
+    said = [
+        messages.Detection(k, b.start_s, b.duration_s, b.frequency_hz, b.bandwidth_hz, b.snr_db, anchor._kept[k][1])
+        for k, b in zip(anchor._kept, bursts, strict=True)
+    ]
+    return target.handle(messages.Announce(tuple(said)), 0.0)
+
+
+@pytest.mark.law
+def test_answers_are_used_however_late_and_given_up_by_their_order(world) -> None:
+    anchor, target = anchor_of(world), target_of(world)
+    asked = all_asked(anchor, target)
+    assert len(asked) >= 6
+    now = 0.0
+    for number, proposal in enumerate(asked):
+        now += 1e4  # a peer that sleeps
+        if number in (1, 2, len(asked) - 1):
+            continue  # lost
+        for answer in anchor.handle(proposal, now):
+            target.handle(answer, now)
+            target.step(now)
+    assert target.counts["exchanged"] == len(asked) - 3
+    assert target.counts["no answer"] == 2
+    anchor.handle(target.heartbeat(), now)
+    target.handle(replace(anchor.heartbeat(), proposals=0), now)  # said before the target's last
+    assert not target.finished
+    assert target.counts["no answer"] == 2
+    target.handle(anchor.heartbeat(), now)
+    assert target.counts["no answer"] == 3
+    target.step(now)
+    assert target.finished
+    assert target.counts["used"] == len(asked) - 3
+
+
+@pytest.mark.unit
+def test_silence_of_a_peer_ends_its_proposals(world) -> None:
+    anchor, target = anchor_of(world), target_of(world)
+    asked = all_asked(anchor, target)
+    target.handle(replace(anchor.heartbeat(), proposals=0), 20.0)
+    target.step(49.0)
+    assert target.counts["no answer"] == 0
+    target.step(51.0)
+    assert target.counts["no answer"] == len(asked)
+
+
+@pytest.mark.law
+def test_a_running_track_hears_from_where_it_is(world) -> None:
+    """Not from where it began: 150 km off, where Dopplers are others."""
+    target = target_of(world, within_m=2e3)
+    target.track.guess_e_m = target.track.guess_e_m + 150e3 * np.array([0.0, 1.0, 0.0])
+    sigma = np.array([2e3] * 3 + [1e-3] * 3 + [1e6, 300.0])
+    truth = np.concatenate([np.array(world.truth_e_m), np.zeros(5)])
+    target.track.tracker.start_at(0.0, truth, np.diag(sigma**2))
+    target.track.running = True
+    local.run_together(anchor_of(world), target)
+    assert target.counts["beacon disagrees"] == 0
+    assert target.counts["used"] >= world.bursts // 2
+    # Before it runs, `within` is a standard deviation: three of it count.
+    place_e, within = target_of(world, within_m=2e3)._whereabouts(0.0)
+    assert within == 6e3
+    assert np.array_equal(place_e, place(world.guess_at))
+    mean, within = target._whereabouts(target.track.tracker.t_s)
+    assert np.array_equal(mean, target.track.tracker.mean[:3])
+    assert within == pytest.approx(3.0 * math.sqrt(np.trace(target.track.tracker.covariance[:3, :3])))
+
+
+@pytest.mark.law
+def test_bursts_are_tracked_by_their_middles(world, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short burst inside a long one has its middle before, though it starts after."""
+    target = target_of(world)
+    taken: list[float] = []
+    monkeypatch.setattr(target.track, "add", lambda m: taken.append(m.t_s) or "used")
+
+    def answered(start_s: float, duration_s: float) -> None:
+        burst = messages.Detection(0, start_s, duration_s, 1.6263e9, 3e4, 9.0, "W00")
+        target._asked[0] = _Asked(None, burst, 0.0, 0)
+        middle = start_s + 0.5 * duration_s + target._to_orbits_s
+        target._answered(0)
+        target._measured.append(Measured(middle, 0, 0.0, 0.0, np.eye(2), 1.6e9, np.zeros(3), np.zeros(3), 2, 9.0))
+
+    for start_s, duration_s in ((1.0, 0.09), (1.01, 0.008), (1.03, 0.02), (1.2, 0.008)):
+        answered(start_s, duration_s)
+    assert taken == pytest.approx(np.array([1.014, 1.04, 1.045]) + target._to_orbits_s)
+    target._drop()
+    assert len(taken) == 4
+
+
+@pytest.mark.unit
+def test_swapped_recordings_are_doubted(world) -> None:
+    """The mirror image of the target: measured as well as the target, but not where it was said to be."""
+    swapped = target_of(world, world.anchor)
+    local.run_together(anchor_of(world, world.target), swapped)
+    honest = target_of(world)
+    local.run_together(anchor_of(world), honest)
+    for target, doubts in ((swapped, 1), (honest, 0)):
+        numbers = report.summary(target, Traffic())
+        assert sum(name.startswith("doubtful") for name in numbers["reasons"]) == doubts
+    assert report.estimate(honest)["sigmas_off_guess"] < 2.0
+    # Said to be elsewhere, it is doubted too.
+    honest.track.guess_e_m = honest.track.guess_e_m + 50e3
+    assert any(name.startswith("doubtful") for name in report.summary(honest, Traffic())["reasons"])
 
 
 @pytest.mark.unit
@@ -349,7 +467,7 @@ def test_bursts_of_two_satellites_tell_the_anchors_skew() -> None:
 @pytest.mark.fuzz
 def test_a_peer_that_has_the_key_and_lies_raises_nothing(world) -> None:
     rng = np.random.default_rng(1)
-    anchor, target = anchor_of(world), target_of(world)
+    anchor, target = anchor_of(world), target_of(world, options=ExchangeOptions(answer_s=0.5))
     lies = [messages.Info(2**40, -1e10, 1e10, 1e10, 1.0, 0.0), anchor.info()]
     assert target.attach(lies[0]) == "" or "overlap" in target.attach(lies[0])
     assert "overlap" in target.attach(messages.Info(-(2**40), 0.0, 1.0, 0.0, 1.0, 0.0))

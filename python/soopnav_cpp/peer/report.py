@@ -25,6 +25,7 @@ __all__ = ["estimate", "figure", "summary", "write"]
 
 _Array = npt.NDArray[np.float64]
 _LIGHT_MPS = 299_792_458.0
+_DOUBT_SIGMAS = 3.5
 _ORDER = ("scanned", "announced", "proposed", "exchanged", "measured", "used", "waiting")
 _COLUMNS = (
     "utc", "t_s", "beacon", "tdoa_s", "sigma_tdoa_s", "fdoa_hz", "sigma_fdoa_hz", "bits", "snr_db", "use",
@@ -64,6 +65,7 @@ def estimate(target: Target) -> dict[str, Any] | None:
         "sigma_east_m": float(sigma[0]),
         "sigma_north_m": float(sigma[1]),
         "sigma_up_m": float(sigma[2]),
+        "sigmas_off_guess": _off_guess(target),
         "position_e_m": mean[:3].tolist(),
         "velocity_e_mps": mean[3:6].tolist(),
         "position_covariance_m2": covariance[:3, :3].tolist(),
@@ -72,6 +74,14 @@ def estimate(target: Target) -> dict[str, Any] | None:
         "clock_skew": float(mean[7] / _LIGHT_MPS),
         "sigma_clock_skew": float(math.sqrt(covariance[7, 7]) / _LIGHT_MPS),
     }
+
+
+def _off_guess(target: Target) -> float:
+    """How far the end is from where the target was said to be, in standard deviations of the difference."""
+    track = target.track
+    off = track.tracker.mean[:3] - track.guess_e_m
+    spread = track.tracker.covariance[:3, :3] + track.within_m**2 * np.eye(3)
+    return float(math.sqrt(off @ np.linalg.solve(spread, off)))
 
 
 def summary(end: Anchor | Target, traffic: Traffic) -> dict[str, Any]:
@@ -93,7 +103,9 @@ def summary(end: Anchor | Target, traffic: Traffic) -> dict[str, Any]:
         "samples_not_finite": end.source.not_finite,
     }
     if isinstance(end, Target):
-        numbers["estimate"] = estimate(end)
+        numbers["estimate"] = found = estimate(end)
+        if found is not None and found["sigmas_off_guess"] > _DOUBT_SIGMAS:
+            said["doubtful: the end is far from --at, are the recordings swapped?"] = 1
     return numbers
 
 
