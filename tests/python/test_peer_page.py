@@ -31,3 +31,23 @@ def test_bandwidth_table_is_that_of_the_code() -> None:
     for count, *kilobits in rows:
         for bits, said in enumerate(kilobits, start=1):
             assert float(said) == pytest.approx(8e-3 * snippets.snippet_bytes(int(count), bits), abs=0.06)
+
+
+def test_two_machines_are_not_told_to_listen_to_themselves() -> None:
+    """A port alone listens on this machine alone."""
+    from soopnav_cpp.cli.app import cli
+
+    page = PAGE.read_text(encoding="utf-8")
+    assert "`:PORT` (this machine alone)" in page
+    for text in (page[: page.index("## ")], cli.help or ""):
+        listening = re.findall(r"--listen (\S+)", text)
+        assert listening
+        assert not any(address.startswith(":") for address in listening)
+
+
+def test_bits_by_snr_are_those_of_the_code() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    said = re.search(r"takes (\d) bits up to (\d+) dB, (\d) up to (\d+) dB and (\d) above", page)
+    assert said is not None
+    few, low, more, high, most = map(int, said.groups())
+    assert [snippets.bits_for(db) for db in (low, low + 0.1, high, high + 0.1)] == [few, more, more, most]

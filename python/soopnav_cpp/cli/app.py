@@ -65,7 +65,7 @@ def cli() -> None:
       soopnav locate-emitter bearings.csv
       soopnav passes iridium.tle --at 60.2,25.0 --start 2014-08-27T06:00:00Z
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
-      soopnav peer --role anchor --source city.sigmf-meta --listen :7000 --orbits iridium.tle --at 60.2,25.0,20
+      soopnav peer --role anchor --source city.sigmf-meta --listen 0.0.0.0:7000 --orbits sky.tle --at 60.2,25.0,20
       soopnav caf roof.sigmf-meta car.sigmf-meta --plot caf.png
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
