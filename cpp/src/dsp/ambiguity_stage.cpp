@@ -273,7 +273,8 @@ void AmbiguityStage::measure_noise() noexcept {
 
 void AmbiguityStage::measure_energy() noexcept {
   const std::size_t inner = n_ * up_;
-  block_ = std::max<std::size_t>(16, (inner / 64 + 15) / 16 * 16);
+  block_ =
+      std::max<std::size_t>(16, ((inner + 63) / 64 + 15) / 16 * 16);  // 64 blocks at most, 1023 samples beyond inner
   blocks_ = std::min(kMaxBlocks, (inner + block_ - 1) / block_);
   const auto energy = [&](const Cf32* x) {
     const Cf32 e = dot(reinterpret_cast<const float*>(x), x, block_);

@@ -215,6 +215,30 @@ TEST(CrossAmbiguity, WideDelayByLagsAndByDopplerBins) {
   }
 }
 
+// Block sums are rounded up to 16 samples: a length just above 64 * 16 k ended in a 65th block beyond the buffers.
+TEST(CrossAmbiguity, LongRecordingsOfAnyLengthStayInsideTheBuffers) {
+  const RandomStream random(31, 7);
+  std::vector<Cf32> a(1024 * 88 + 63), b(a.size());
+  random.substream(0).fill_complex_normal(a, 1.0);
+  random.substream(1).fill_complex_normal(b, 1.0);
+  for (const double bandwidth : {25e3, 45e3}) {     // the second is searched at twice the rate
+    for (const double max_delay : {20e-6, 0.05}) {  // by lags, by Doppler bins
+      for (const std::size_t beyond : {0U, 1U, 63U}) {
+        AmbiguityOptions o;
+        o.sample_rate_hz = 50e3;
+        o.max_samples = 1024 * 88 + beyond;
+        o.bandwidth_hz = bandwidth;
+        o.center_a_hz = o.center_b_hz = 0.0;
+        o.max_delay_s = max_delay;
+        o.max_doppler_hz = max_delay > 1e-3 ? 0.5 : 5.0;
+        o.false_alarm = 1e-6;
+        const AmbiguityPeak peak = CrossAmbiguity(o).measure({a.data(), o.max_samples}, {b.data(), o.max_samples});
+        EXPECT_EQ(peak.status, AmbiguityStatus::kNotDetected) << bandwidth << ' ' << max_delay << ' ' << beyond;
+      }
+    }
+  }
+}
+
 TEST(CrossAmbiguity, StretchIsTakenOutWhetherGivenByTheCarrierOrEstimated) {
   // 100 ppm over 0.4 s: the delay runs through 40 us, a symbol.
   const double rate = 1e-4, carrier = 1.6e9 / 1000.0;
