@@ -269,7 +269,8 @@ def cross_ambiguity(
     Returns
     -------
     CrossAmbiguityResult
-        With a status other than ``OK`` when there is nothing to measure: no common signal, a tone, identical
+        With a status other than ``OK`` when there is nothing to measure: no common signal, a tone (steady or keyed),
+        a wide band that does not stand out and would take minutes to search (state `bandwidth_hz`), identical
         recordings, samples that are not finite or all zero, recordings too short.
 
     Raises

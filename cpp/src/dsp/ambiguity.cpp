@@ -20,6 +20,8 @@ constexpr std::size_t kFewest = 64;    // samples left after decimation
 constexpr double kOversampling = 1.7;  // of the occupied band, at least, after decimation
 constexpr double kIdentical = 1e-9;    // power of the difference of two copies
 constexpr std::size_t kLargestFactor = 4096;
+constexpr double kLongestSearch = 1e10;  // operations, some 6 s: of a band that was not seen
+constexpr int kRestages = 6;
 
 [[noreturn]] void refuse(const char* name, double value, const char* rule) {
   std::ostringstream text;
@@ -79,7 +81,13 @@ std::size_t factor_for(double rate_hz, double bandwidth_hz, std::size_t samples)
   return best;
 }
 
-// Mean power, negative when a sample is not finite. Sums stay short: a float overflows or loses small samples.
+double slow_power(IqSpan x) noexcept {
+  double sum = 0.0;
+  for (const Cf32& s : x) sum += std::norm(std::complex<double>(s));
+  return std::isfinite(sum) ? sum / static_cast<double>(x.size()) : -1.0;
+}
+
+// Mean power, negative when a sample is not finite. Sums stay short: a float loses small samples beside large ones.
 double mean_power(IqSpan x) noexcept {
   constexpr std::size_t kChunk = 4096;
   double sum = 0.0;
@@ -91,7 +99,9 @@ double mean_power(IqSpan x) noexcept {
     i += n;
   }
   for (; i < x.size(); ++i) sum += static_cast<double>(x[i].real() * x[i].real() + x[i].imag() * x[i].imag());
-  return std::isfinite(sum) ? sum / static_cast<double>(x.size()) : -1.0;
+  const double mean = sum / static_cast<double>(x.size());
+  // Squares near the ends of a float's range overflow or vanish.
+  return mean > 1e-30 && mean < 1e30 ? mean : slow_power(x);
 }
 
 // Whether a = k b for one complex k.
@@ -185,18 +195,17 @@ struct CrossAmbiguity::Impl {
       return result;
     }
 
-    detail::Bands bands = finder.find(
-        a, b,
-        {options.center_a_hz, options.center_b_hz, bandwidth_hz, options.max_doppler_hz, options.doppler_center_hz});
+    detail::Bands bands = finder.find(a, b,
+                                      {options.center_a_hz, options.center_b_hz, bandwidth_hz, options.max_doppler_hz,
+                                       options.doppler_center_hz, power_a, power_b});
     bands.power_a = power_a;
     bands.power_b = power_b;
-    detail::AmbiguityStage* stage = stages.front().get();
-    for (const auto& candidate : stages) {
-      const auto factor = static_cast<double>(candidate->factor());
-      if (options.sample_rate_hz / factor >= kOversampling * bands.bandwidth_hz &&
-          a.size() / candidate->factor() >= kFewest) {
-        stage = candidate.get();
-      }
+    detail::AmbiguityStage* stage = stage_for(bands.bandwidth_hz, a.size());
+    result.duration_s = static_cast<double>(a.size()) / options.sample_rate_hz;
+    result.epoch_s = 0.5 * result.duration_s;
+    if (!bands.seen && stage->search_cost() > kLongestSearch) {
+      result.status = AmbiguityStatus::kNotDetected;
+      return result;
     }
     // A Doppler known better than the spectra show ties the two centres together.
     if (options.max_doppler_hz <= stage->doppler_reach_hz()) {
@@ -208,8 +217,40 @@ struct CrossAmbiguity::Impl {
         bands.center_a_hz = bands.center_b_hz + options.doppler_center_hz;
       }
     }
-    stage->load(a, b, bands, options.doppler_center_hz - options.max_doppler_hz,
-                options.doppler_center_hz + options.max_doppler_hz);
+    search(*stage, a, b, bands, result);
+    // A band far wider than its signal says little of the delay, and nothing of its error: once more, about the signal.
+    for (int pass = 0; pass < kRestages && bandwidth_hz <= 0.0 && result.detected() && stage->narrow(); ++pass) {
+      bands.center_a_hz = result.center_a_hz + stage->narrow_center_hz();
+      bands.center_b_hz = bands.center_a_hz - result.fdoa_hz;
+      bands.bandwidth_hz = stage->narrow_band_hz();
+      bands.noise_a = bands.noise_b = 0.0;
+      stage = stage_for(bands.bandwidth_hz, a.size());
+      search(*stage, a, b, bands, result);
+    }
+    if (result.detected() && (stage->line_like() || stage->narrow())) {
+      result.status = AmbiguityStatus::kTone;
+      result.sigma_tdoa_s = result.sigma_fdoa_hz = result.sigma_tdoa_rate = std::numeric_limits<double>::infinity();
+    }
+    return result;
+  }
+
+  // The coarsest stage that holds a band.
+  [[nodiscard]] detail::AmbiguityStage* stage_for(double band_hz, std::size_t samples) const noexcept {
+    detail::AmbiguityStage* stage = stages.front().get();
+    for (const auto& candidate : stages) {
+      const auto factor = static_cast<double>(candidate->factor());
+      if (options.sample_rate_hz / factor >= kOversampling * band_hz && samples / candidate->factor() >= kFewest) {
+        stage = candidate.get();
+      }
+    }
+    return stage;
+  }
+
+  // The peak of one stage, with its status.
+  void search(detail::AmbiguityStage& stage, IqSpan a, IqSpan b, const detail::Bands& bands,
+              AmbiguityPeak& result) noexcept {
+    stage.load(a, b, bands, options.doppler_center_hz - options.max_doppler_hz,
+               options.doppler_center_hz + options.max_doppler_hz);
 
     const double duration = static_cast<double>(a.size()) / options.sample_rate_hz;
     detail::StagePeak best;
@@ -221,7 +262,7 @@ struct CrossAmbiguity::Impl {
       trials = static_cast<int>(std::min(200.0, std::ceil(options.max_tdoa_rate / step - 0.5)));
       for (int k = -trials; k <= trials; ++k) {
         const double rate = options.tdoa_rate + k * options.max_tdoa_rate / std::max(trials, 1);
-        const detail::StagePeak peak = stage->search(rate);
+        const detail::StagePeak peak = stage.search(rate);
         const double ratio = std::norm(peak.value) / peak.noise;
         if (ratio > best_ratio) {
           best_ratio = ratio;
@@ -229,24 +270,22 @@ struct CrossAmbiguity::Impl {
         }
       }
     }
-    best = stage->search(best_rate);
+    best = stage.search(best_rate);
     const double ratio = std::norm(best.value) / best.noise;
-    const double threshold = stage->threshold();
-    measured = stage;
-    stage->refine(best, options.carrier_hz, result);
+    const double threshold = stage.threshold();
+    measured = &stage;
+    stage.refine(best, options.carrier_hz, result);
     result.snr_db = 10.0 * std::log10(std::max(ratio, 1e-30));
     result.threshold_db = 10.0 * std::log10(threshold);
     if (ratio > threshold && std::isfinite(result.sigma_tdoa_s) && std::isfinite(result.sigma_fdoa_hz)) {
       result.status = AmbiguityStatus::kOk;
     } else {
-      const bool tone = (stage->tones_a() > 0 || bands.lines_a) && (stage->tones_b() > 0 || bands.lines_b);
-      result.status = tone ? AmbiguityStatus::kTone : AmbiguityStatus::kNotDetected;
+      result.status = stage.tone_pair() || bands.line_pair ? AmbiguityStatus::kTone : AmbiguityStatus::kNotDetected;
       result.sigma_tdoa_s = result.sigma_fdoa_hz = std::numeric_limits<double>::infinity();
     }
     if (result.status != AmbiguityStatus::kOk || !options.estimate_rate) {
       result.sigma_tdoa_rate = std::numeric_limits<double>::infinity();
     }
-    return result;
   }
 
   AmbiguityOptions options;

@@ -13,9 +13,11 @@ constexpr double kSeen = 6.0;       // and below this there is no band to be see
 constexpr double kCentroid = 15.0;  // from here on the centroid is better than the window
 constexpr std::size_t kReach = 4;   // bins: a feature that falls by kSteep within this is a line
 constexpr double kSteep = 4.0;
+constexpr double kTold = 1.5 * 2.0 * kReach;  // bins of a band that cannot be taken for a line
+constexpr double kWidestBinHz = 2e3;          // of the transform that looks for an unknown band
 
 std::size_t transform_size(double rate_hz, double bandwidth_hz, std::size_t max_samples) {
-  const double bins = bandwidth_hz > 0.0 ? 12.0 * rate_hz / bandwidth_hz : 1024.0;
+  const double bins = bandwidth_hz > 0.0 ? kTold * rate_hz / bandwidth_hz : std::max(1024.0, rate_hz / kWidestBinHz);
   std::size_t size = 16;
   while (static_cast<double>(size) < bins && size < 8192) size *= 2;
   while (size > 16 && 16 * size > max_samples) size /= 2;
@@ -27,8 +29,10 @@ std::size_t transform_size(double rate_hz, double bandwidth_hz, std::size_t max_
 BandFinder::BandFinder(double sample_rate_hz, double bandwidth_hz, std::size_t max_samples)
     : rate_(sample_rate_hz),
       size_(transform_size(sample_rate_hz, bandwidth_hz, max_samples)),
+      lines_told_(bandwidth_hz <= 0.0 || bandwidth_hz / sample_rate_hz * static_cast<double>(size_) >= kTold),
       fft_(static_cast<int>(size_), FftDirection::kForward),
       window_(size_),
+      scaled_(size_),
       input_(size_),
       output_(size_),
       sorted_(size_) {
@@ -41,6 +45,7 @@ BandFinder::BandFinder(double sample_rate_hz, double bandwidth_hz, std::size_t m
     side->raw.resize(size_);
     side->clean.resize(size_);
     side->sums.resize(size_ + 1);
+    side->line.resize(size_);
   }
 }
 
@@ -48,11 +53,14 @@ double BandFinder::frequency(double bin) const noexcept {
   return (bin - static_cast<double>(size_ / 2)) * rate_ / static_cast<double>(size_);
 }
 
-void BandFinder::spectrum(IqSpan iq, std::size_t step, std::size_t hop, Side& side) noexcept {
+void BandFinder::spectrum(IqSpan iq, double power, std::size_t step, std::size_t hop, Side& side) noexcept {
+  // To unit power, so that no square leaves a float's range.
+  const auto gain = static_cast<float>(std::clamp(1.0 / std::sqrt(power), 1e-37, 1e37));
+  for (std::size_t n = 0; n < size_; ++n) scaled_[n] = gain * window_[n];
   std::fill(side.raw.begin(), side.raw.end(), 0.0);
   std::size_t count = 0;
   for (std::size_t at = 0; at + size_ <= iq.size(); at += hop * step, ++count) {
-    for (std::size_t n = 0; n < size_; ++n) input_[n] = iq[at + n] * window_[n];
+    for (std::size_t n = 0; n < size_; ++n) input_[n] = iq[at + n] * scaled_[n];
     fft_.execute(input_.data(), output_.data());
     for (std::size_t k = 0; k < size_; ++k) {
       const Cf32 x = output_[k < size_ / 2 ? k + size_ / 2 : k - size_ / 2];
@@ -68,16 +76,34 @@ void BandFinder::spectrum(IqSpan iq, std::size_t step, std::size_t hop, Side& si
 }
 
 // A line is at most a Hann window's main lobe wide: what stands out from both neighbours kReach bins away is bridged.
+// A recording too short for bins that are narrow beside the band stated is left alone: its burst would look the same.
 void BandFinder::remove_lines(Side& side) noexcept {
-  side.lines = false;
+  std::fill(side.line.begin(), side.line.end(), char{0});
+  if (!lines_told_) return;
   for (std::size_t k = kReach; k + kReach < size_; ++k) {
     const double left = side.raw[k - kReach], right = side.raw[k + kReach];
     if (side.raw[k] <= kSteep * std::max(left, right)) continue;
-    side.lines = true;
+    side.line[k] = 1;
     for (std::size_t j = k - kReach + 1; j < k + kReach; ++j) {
       side.clean[j] = std::min(side.clean[j], 0.5 * (left + right));
     }
   }
+}
+
+bool BandFinder::lines_pair(const BandRequest& request) const noexcept {
+  const double bin_hz = rate_ / static_cast<double>(size_);
+  const double low = (request.doppler_center_hz - request.max_doppler_hz) / bin_hz - 2.0;
+  const double high = (request.doppler_center_hz + request.max_doppler_hz) / bin_hz + 2.0;
+  const auto n = static_cast<std::ptrdiff_t>(size_);
+  for (std::ptrdiff_t k = 0; k < n; ++k) {
+    if (b_.line[static_cast<std::size_t>(k)] == 0) continue;
+    const auto first = std::max<std::ptrdiff_t>(0, k + static_cast<std::ptrdiff_t>(std::ceil(low)));
+    const auto last = std::min<std::ptrdiff_t>(n - 1, k + static_cast<std::ptrdiff_t>(std::floor(high)));
+    for (std::ptrdiff_t i = first; i <= last; ++i) {
+      if (a_.line[static_cast<std::size_t>(i)] != 0) return true;
+    }
+  }
+  return false;
 }
 
 // The floor is the median of the bins outside the band, or at first the lowest fifth of all.
@@ -174,6 +200,15 @@ BandFinder::Window BandFinder::search(const BandRequest& request) noexcept {
   return w;
 }
 
+BandFinder::Window BandFinder::search_twice(const BandRequest& request) noexcept {
+  sum(a_, false, 0, 0);
+  sum(b_, false, 0, 0);
+  const Window first = search(request);
+  sum(a_, true, first.first_a, first.width);
+  sum(b_, true, first.first_b, first.width);
+  return search(request);
+}
+
 double BandFinder::centroid(const Side& side, std::size_t first, std::size_t width) const noexcept {
   const std::size_t margin = width / 4 + 1;
   const std::size_t from = first > margin ? first - margin : 0;
@@ -195,17 +230,19 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
     const std::size_t segments = a.size() / size_;
     const std::size_t step = pass < 2 ? std::max<std::size_t>(1, segments / (pass == 0 ? 16 : 64)) : 1;
     const std::size_t hop = pass == 3 ? size_ / 2 : size_;
-    spectrum(a, step, hop, a_);
-    spectrum(b, step, hop, b_);
-    sum(a_, false, 0, 0);
-    sum(b_, false, 0, 0);
-    w = search(request);
-    sum(a_, true, w.first_a, w.width);
-    sum(b_, true, w.first_b, w.width);
-    w = search(request);
+    spectrum(a, request.power_a, step, hop, a_);
+    spectrum(b, request.power_b, step, hop, b_);
+    w = search_twice(request);
     if (w.score > (pass == 2 ? kEnough : kClear)) break;
   }
   Bands bands;
+  bands.line_pair = lines_pair(request);
+  if (request.bandwidth_hz <= 0.0 && w.score <= kSeen && bands.line_pair) {
+    // Nothing but what looks like lines at this resolution: a narrow signal, unless the peak shows a tone.
+    for (Side* side : {&a_, &b_}) std::copy(side->raw.begin(), side->raw.end(), side->clean.begin());
+    w = search_twice(request);
+  }
+  bands.seen = request.bandwidth_hz > 0.0 || w.score > kSeen;
   const double bin_hz = rate_ / static_cast<double>(size_);
   if (request.bandwidth_hz > 0.0) {
     bands.bandwidth_hz = request.bandwidth_hz;
@@ -223,8 +260,6 @@ Bands BandFinder::find(IqSpan a, IqSpan b, const BandRequest& request) noexcept 
   };
   bands.center_a_hz = center(a_, w.first_a, request.center_a_hz);
   bands.center_b_hz = center(b_, w.first_b, request.center_b_hz);
-  bands.lines_a = a_.lines;
-  bands.lines_b = b_.lines;
   bands.noise_a = a_.floor_known ? a_.floor : 0.0;
   bands.noise_b = b_.floor_known ? b_.floor : 0.0;
   return bands;

@@ -20,6 +20,9 @@ constexpr int kClimbs = 12;
 constexpr double kShapeSnr = 20.0;
 // The same, per band, for the spectrum's own shape against a raised cosine.
 constexpr double kBandSnr = 30.0;
+constexpr double kConcentrated = 0.85;  // of the cross-spectrum's power in a few cells or two bands
+constexpr double kLineCells = 4.0;      // 1 / duration to either side of a line
+constexpr double kNarrow = 0.2;         // of the band: two of the spectrum's bands below this resolve it
 
 Cf64 product(Cf64 a, Cf64 b) {
   return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
@@ -221,6 +224,37 @@ void AmbiguityStage::climb(StagePeak& peak, bool with_rate) noexcept {
   peak = at;
 }
 
+// Whether the aligned cross-spectrum, in work_ with the phase of `sum`, is a line's: 97 % of a rectangular pulse's
+// power lie within four cells of 1 / duration, but a fraction of that of anything modulated. And whether two bands hold
+// it all.
+void AmbiguityStage::concentration(Cf64 sum, double duration) noexcept {
+  line_like_ = narrow_ = false;
+  const double total = std::abs(sum);
+  if (!(total > 0.0)) return;
+  const std::size_t nf = bins_a_.size(), negative = (nf + 1) / 2;
+  const auto width = static_cast<std::size_t>(std::ceil(2.0 * kLineCells * static_cast<double>(nf) / duration)) + 1;
+  const Cf64 back = std::conj(sum) / total;
+  const auto at = [&](std::size_t k) {  // in order of frequency
+    const Cf32 x = work_[k < nf - negative ? k + negative : k - (nf - negative)];
+    return static_cast<double>(x.real()) * back.real() - static_cast<double>(x.imag()) * back.imag();
+  };
+  double window = 0.0, most = 0.0;
+  for (std::size_t k = 0; k < nf; ++k) {
+    window += at(k);
+    if (k >= width) window -= at(k - width);
+    most = std::max(most, window);
+  }
+  line_like_ = most > kConcentrated * total;
+  if (2.0 * rate_hz_ / kBands > kNarrow * bandwidth_hz_) return;
+  for (std::size_t j = 0; j + 1 < kBands; ++j) {
+    const double pair = cross_[j] + cross_[j + 1];
+    if (pair <= kConcentrated * total) continue;
+    narrow_ = true;
+    narrow_center_hz_ = ((static_cast<double>(j) + 0.5 + cross_[j + 1] / pair) / kBands - 0.5) * rate_hz_;
+    return;
+  }
+}
+
 // Cross- and auto-spectra of the aligned recordings, by band, and the prefilter that they call for.
 void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& result) noexcept {
   const std::size_t nf = bins_a_.size();
@@ -241,10 +275,14 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
       const auto j = std::min(kBands - 1, static_cast<std::size_t>((f + 0.5) * kBands));
       const Cf64 a{static_cast<double>(bins_a_[k].real()), static_cast<double>(bins_a_[k].imag())};
       const Cf64 b{static_cast<double>(bins_b_[k].real()), static_cast<double>(bins_b_[k].imag())};
-      cross[j] += product(product(a, turn), std::conj(b));
+      const Cf64 value = product(product(a, turn), std::conj(b));
+      work_[k] = {static_cast<float>(value.real()), static_cast<float>(value.imag())};
+      cross[j] += value;
       auto_a_[j] += std::norm(a);
       auto_b_[j] += std::norm(b);
       count[j] += 1.0;
+    } else {
+      work_[k] = {};
     }
     turn = product(turn, step);
   }
@@ -257,18 +295,20 @@ void AmbiguityStage::likelihood_weights(const StagePeak& peak, AmbiguityPeak& re
     bins += count[j];
   }
   const Cf64 back = std::polar(1.0, -std::arg(sum));
+  for (std::size_t j = 0; j < kBands; ++j) cross_[j] = product(cross[j], back).real();
+  const std::size_t overlap = std::min(last_a_, last_b_) > std::max(first_a_, first_b_)
+                                  ? std::min(last_a_, last_b_) - std::max(first_a_, first_b_)
+                                  : n_;
+  concentration(sum, static_cast<double>(overlap));
   for (std::size_t j = 0; j < kBands; ++j) {
     const double scale = count[j] > 0.0 ? 1.0 / count[j] : 0.0;
-    cross_[j] = product(cross[j], back).real() * scale;
+    cross_[j] *= scale;
     auto_a_[j] *= scale;
     auto_b_[j] *= scale;
   }
 
   // The signal's spectrum is first taken for a raised cosine: the one that fits the cross-spectrum best, or the stated
   // one, wherever it lies. Few numbers, so that it holds at the threshold as well.
-  const std::size_t overlap = std::min(last_a_, last_b_) > std::max(first_a_, first_b_)
-                                  ? std::min(last_a_, last_b_) - std::max(first_a_, first_b_)
-                                  : n_;
   const double share = static_cast<double>(overlap) / static_cast<double>(nf);
   double fit = -1e300, height = 0.0, middle = 0.0;
   Shape shape = shapes_.front();

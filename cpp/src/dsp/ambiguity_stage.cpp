@@ -11,8 +11,6 @@
 namespace soopnav::dsp::detail {
 namespace {
 
-using Cf64 = std::complex<double>;
-
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kUsed = 0.575;         // half of the band kept for the refinement, in occupied bandwidths
 constexpr double kBox = 0.45;           // half of the coarse prefilter's box
@@ -59,6 +57,7 @@ AmbiguityStage::AmbiguityStage(const AmbiguityOptions& options, std::size_t fact
       std::max(kDopplerPad * static_cast<double>(inner), static_cast<double>(inner + margin_) + 64.0))));
   const double lag_cost = static_cast<double>(lags) * (2.0 * static_cast<double>(inner) + transform_cost(narrow));
   const double doppler_cost = (2.0 * reach_hz_ * wide / inner_hz_ + 3.0) * (2.0 * wide + transform_cost(wide));
+  search_cost_ = std::min(lag_cost, doppler_cost);
   const auto nf = static_cast<std::size_t>(forward_.size());
   if (lag_cost <= doppler_cost) {
     doppler_.emplace(static_cast<int>(narrow), FftDirection::kForward);
@@ -160,13 +159,12 @@ void AmbiguityStage::load(IqSpan a, IqSpan b, const Bands& bands, double low_hz,
   tones_a_ = tones_b_ = 0;
   // To unit power, so that products of four samples stay inside a float's range.
   const double gain_a = 1.0 / std::sqrt(bands.power_a), gain_b = 1.0 / std::sqrt(bands.power_b);
-  bands_.noise_a *= gain_a * gain_a;
-  bands_.noise_b *= gain_b * gain_b;
   n_ = decimator_.apply(a, mix_a_hz_ / options_.sample_rate_hz, gain_a, xa_.data());
   decimator_.apply(b, mix_b_hz_ / options_.sample_rate_hz, gain_b, xb_.data());
 
-  std::array<Line, kMaxLines> lines;
-  const auto prepare = [&](std::vector<Cf32>& x, Bins& bins, double density, std::size_t& first, std::size_t& last) {
+  std::array<Line, kMaxLines> lines_a, lines_b;
+  const auto prepare = [&](std::vector<Cf32>& x, Bins& bins, double density, std::size_t& first, std::size_t& last,
+                           std::array<Line, kMaxLines>& lines) {
     std::size_t count = 0;
     if (options_.reject_tones) {
       const double band = std::min(0.5, kUsed * bandwidth_hz_ / rate_hz_);
@@ -187,8 +185,16 @@ void AmbiguityStage::load(IqSpan a, IqSpan b, const Bands& bands, double low_hz,
     for (std::size_t n = 0; n < n_; ++n) x[n] = b_[n * up_];
     return count;
   };
-  tones_a_ = prepare(xa_, bins_a_, bands_.noise_a, first_a_, last_a_);
-  tones_b_ = prepare(xb_, bins_b_, bands_.noise_b, first_b_, last_b_);
+  tones_a_ = prepare(xa_, bins_a_, bands_.noise_a, first_a_, last_a_, lines_a);
+  tones_b_ = prepare(xb_, bins_b_, bands_.noise_b, first_b_, last_b_, lines_b);
+  tone_pair_ = false;
+  const double cell_hz = 2.0 * rate_hz_ / static_cast<double>(std::max<std::size_t>(n_, 1));
+  for (std::size_t i = 0; i < tones_a_; ++i) {
+    for (std::size_t j = 0; j < tones_b_; ++j) {
+      const double doppler = (lines_a[i].frequency - lines_b[j].frequency) * rate_hz_;
+      tone_pair_ = tone_pair_ || (doppler >= low_hz_ - cell_hz && doppler <= high_hz_ + cell_hz);
+    }
+  }
 }
 
 void AmbiguityStage::coarse_weights() noexcept {

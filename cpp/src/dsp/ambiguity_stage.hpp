@@ -46,8 +46,17 @@ class AmbiguityStage {
   [[nodiscard]] double threshold() const noexcept;
   bool surface(std::span<const double> delays_s, std::span<const double> doppler_hz, std::span<double> out) noexcept;
 
-  [[nodiscard]] std::size_t tones_a() const noexcept { return tones_a_; }
-  [[nodiscard]] std::size_t tones_b() const noexcept { return tones_b_; }
+  /// Whether lines were subtracted from both sides that are no further apart than the Doppler searched.
+  [[nodiscard]] bool tone_pair() const noexcept { return tone_pair_; }
+  /// Work of `search` in operations, about 0.6 ns each.
+  [[nodiscard]] double search_cost() const noexcept { return search_cost_; }
+  /// Of the peak refined: its spectrum is a line's (or a pulse of one), whose delay cannot be seen.
+  [[nodiscard]] bool line_like() const noexcept { return line_like_; }
+  /// Of the peak refined: the signal fills so little of the band that its spectrum is not resolved.
+  [[nodiscard]] bool narrow() const noexcept { return narrow_; }
+  /// Where it then lies, relative to a's centre, and a band that is sure to hold it.
+  [[nodiscard]] double narrow_center_hz() const noexcept { return narrow_center_hz_; }
+  [[nodiscard]] double narrow_band_hz() const noexcept { return 4.0 * rate_hz_ / static_cast<double>(kBands); }
 
  private:
   static constexpr std::size_t kBands = 64;
@@ -56,6 +65,7 @@ class AmbiguityStage {
   static constexpr std::size_t kLags = 2 * kReach + 1;
 
   using Bins = std::vector<Cf32>;
+  using Cf64 = std::complex<double>;
 
   struct Shape {
     double width;  // noise bandwidth, cycles per decimated sample
@@ -78,6 +88,7 @@ class AmbiguityStage {
   void search_doppler() noexcept;
   void tabulate(std::ptrdiff_t lag, double doppler_hz) noexcept;
   void climb(StagePeak& peak, bool with_rate) noexcept;
+  void concentration(Cf64 sum, double duration) noexcept;
   void likelihood_weights(const StagePeak& peak, AmbiguityPeak& result) noexcept;
   void covariance(const StagePeak& peak, AmbiguityPeak& result) const noexcept;
 
@@ -105,6 +116,8 @@ class AmbiguityStage {
   double low_hz_ = 0.0, high_hz_ = 0.0;  // Doppler searched, between the sides as mixed
   double stretched_ = 0.0;
   std::size_t tones_a_ = 0, tones_b_ = 0;
+  bool tone_pair_ = false, line_like_ = false, narrow_ = false;
+  double narrow_center_hz_ = 0.0, search_cost_ = 0.0;
   std::size_t first_a_ = 0, last_a_ = 0, first_b_ = 0, last_b_ = 0;
   std::vector<Cf32> xa_, xb_, stretch_, work_, wide_a_, wide_b_;
   Bins bins_a_, bins_b_;

@@ -158,13 +158,15 @@ TEST(CrossAmbiguity, SwappedRecordingsTurnTheSigns) {
 TEST(CrossAmbiguity, LevelsDoNotMatter) {
   Pair pair = recorded({.tdoa_s = 7e-6, .fdoa_hz = 900.0}, 14);
   const AmbiguityPeak plain = measured(pair, options(pair));
-  for (Cf32& x : pair.a) x *= 1e12F;
-  for (Cf32& x : pair.b) x *= 1e-12F;
-  const AmbiguityPeak scaled = measured(pair, options(pair));
-  ASSERT_EQ(scaled.status, AmbiguityStatus::kOk);
-  EXPECT_NEAR(scaled.tdoa_s, plain.tdoa_s, 0.01 * plain.sigma_tdoa_s);
-  EXPECT_NEAR(scaled.sigma_tdoa_s / plain.sigma_tdoa_s, 1.0, 0.01);
-  EXPECT_NEAR(scaled.snr_b_db, plain.snr_b_db, 0.01);
+  for (const float gain : {1e12F, 1e10F}) {  // up to 1e22 and down to 1e-22, whose squares no float holds
+    for (Cf32& x : pair.a) x *= gain;
+    for (Cf32& x : pair.b) x /= gain;
+    const AmbiguityPeak scaled = measured(pair, options(pair));
+    ASSERT_EQ(scaled.status, AmbiguityStatus::kOk) << to_string(scaled.status);
+    EXPECT_NEAR(scaled.tdoa_s, plain.tdoa_s, 0.01 * plain.sigma_tdoa_s);
+    EXPECT_NEAR(scaled.sigma_tdoa_s / plain.sigma_tdoa_s, 1.0, 0.01);
+    EXPECT_NEAR(scaled.snr_b_db, plain.snr_b_db, 0.01);
+  }
   // A box that falls between two bins passes nothing: no answer, and no NaN.
   AmbiguityOptions o = options(pair);
   o.max_samples = 89;
@@ -223,7 +225,8 @@ TEST(CrossAmbiguity, LongRecordingsOfAnyLengthStayInsideTheBuffers) {
   random.substream(1).fill_complex_normal(b, 1.0);
   for (const double bandwidth : {25e3, 45e3}) {     // the second is searched at twice the rate
     for (const double max_delay : {20e-6, 0.05}) {  // by lags, by Doppler bins
-      for (const std::size_t beyond : {0U, 1U, 63U}) {
+      for (const std::size_t beyond :
+           max_delay > 1e-3 ? std::vector<std::size_t>{1} : std::vector<std::size_t>{0, 1, 63}) {
         AmbiguityOptions o;
         o.sample_rate_hz = 50e3;
         o.max_samples = 1024 * 88 + beyond;
@@ -294,6 +297,124 @@ TEST(CrossAmbiguity, ToneInsteadOfBurstIsRefused) {
     EXPECT_FALSE(peak.detected());
     EXPECT_TRUE(std::isinf(peak.sigma_tdoa_s));
   }
+}
+
+// Two tones further apart than the Doppler searched are no tone in common.
+TEST(CrossAmbiguity, TonesFurtherApartThanTheDopplerSearchedAreNotOne) {
+  Pair pair = recorded({.duration_s = 0.06, .burst = false}, 15);
+  const auto add = [](std::vector<Cf32>& x, double hz) {
+    for (std::size_t i = 0; i < x.size(); ++i)
+      x[i] += Cf32(std::polar(1.0, 2.0 * kPi * hz * static_cast<double>(i) / 250e3));
+  };
+  add(pair.a, 9e3);
+  add(pair.b, -9e3);
+  for (const double bandwidth : {35e3, 0.0}) {
+    AmbiguityOptions o = options(pair);
+    o.bandwidth_hz = bandwidth;
+    o.center_a_hz = o.center_b_hz = 0.0;
+    o.max_doppler_hz = 1e3;
+    EXPECT_EQ(measured(pair, o).status, AmbiguityStatus::kNotDetected) << bandwidth;
+    o.max_doppler_hz = 20e3;
+    EXPECT_EQ(measured(pair, o).status, AmbiguityStatus::kTone) << bandwidth;
+  }
+}
+
+// A carrier that is keyed is not steady: nothing is subtracted, and its delay is that of two edges nobody models.
+TEST(CrossAmbiguity, PulseOfACarrierIsATone) {
+  constexpr double kRate = 125e3;
+  for (const double edge_s : {1e-6, 1e-3}) {
+    for (const double amplitude : {1.0, 3.0}) {  // times 10: over the noise of a sample
+      for (std::uint64_t seed = 0; seed < 4; ++seed) {
+        const RandomStream random(40 + seed, 7);
+        Pair pair{std::vector<Cf32>(4000), std::vector<Cf32>(4000)};
+        random.substream(1).fill_complex_normal(pair.a, 0.01);
+        random.substream(2).fill_complex_normal(pair.b, 0.01);
+        const auto pulse = [&](double t) {
+          const double u = std::clamp(std::min(t - 0.008, 0.024 - t) / edge_s, 0.0, 1.0);
+          return amplitude * (0.5 - 0.5 * std::cos(kPi * u));
+        };
+        for (std::size_t i = 0; i < 4000; ++i) {
+          const double t = static_cast<double>(i) / kRate;
+          pair.a[i] += Cf32(std::polar(pulse(t - 7e-6), 2.0 * kPi * 4.2e3 * t));
+          pair.b[i] += Cf32(std::polar(pulse(t), 2.0 * kPi * 4e3 * t));
+        }
+        for (const double bandwidth : {35e3, 0.0}) {
+          AmbiguityOptions o = options(pair, kRate);
+          o.bandwidth_hz = bandwidth;
+          const AmbiguityPeak peak = measured(pair, o);
+          EXPECT_EQ(peak.status, AmbiguityStatus::kTone) << to_string(peak.status) << ' ' << edge_s << ' ' << bandwidth;
+          EXPECT_TRUE(std::isinf(peak.sigma_tdoa_s));
+        }
+      }
+    }
+  }
+}
+
+// A burst that begins with 64 symbols of bare carrier, as an Iridium ring alert does, is one.
+TEST(CrossAmbiguity, UnmodulatedPreambleIsNoTone) {
+  constexpr double kRate = 125e3;
+  const Burst burst(0.02032, RandomStream(16, 7));
+  const RandomStream random(17, 7);
+  Pair pair{std::vector<Cf32>(3000), std::vector<Cf32>(3000)};
+  random.substream(1).fill_complex_normal(pair.a, 0.05);
+  random.substream(2).fill_complex_normal(pair.b, 0.05);
+  const auto at = [&](double t) { return t < 64.0 / kSymbols ? std::complex<double>(t > 0.0 ? 1.0 : 0.0) : burst(t); };
+  for (std::size_t i = 0; i < pair.a.size(); ++i) {
+    const double t = static_cast<double>(i) / kRate - 1e-3;
+    pair.a[i] += Cf32(at(t - 6e-6) * std::polar(1.0, 2.0 * kPi * 500.0 * t));
+    pair.b[i] += Cf32(at(t));
+  }
+  const AmbiguityPeak peak = measured(pair, options(pair, kRate));
+  ASSERT_EQ(peak.status, AmbiguityStatus::kOk) << to_string(peak.status);
+  EXPECT_NEAR(peak.tdoa_s, 6e-6, 5.0 * peak.sigma_tdoa_s);
+}
+
+// With the band to be found, a burst that is a few bins wide, or a few symbols long, is not taken for a line.
+TEST(CrossAmbiguity, NarrowBandsAreFoundInWideRecordings) {
+  struct Case {
+    double rate_hz, duration_s;
+  };
+  for (const Case& c : {Case{2e6, 0.006}, Case{6e6, 0.006}, Case{10e6, 0.005}, Case{1e6, 0.0025}, Case{250e3, 0.0025},
+                        Case{250e3, 0.004}}) {
+    const Pair pair = recorded(
+        {.rate_hz = c.rate_hz, .duration_s = c.duration_s, .snr_db = 15.0, .tdoa_s = 6e-6, .fdoa_hz = 800.0}, 18);
+    AmbiguityOptions o = options(pair, c.rate_hz);
+    o.bandwidth_hz = 0.0;
+    o.max_doppler_hz = 2e3;
+    const AmbiguityPeak peak = measured(pair, o);
+    ASSERT_EQ(peak.status, AmbiguityStatus::kOk) << c.rate_hz << ' ' << to_string(peak.status);
+    EXPECT_NEAR(peak.tdoa_s, 6e-6, 5.0 * peak.sigma_tdoa_s) << c.rate_hz << ' ' << c.duration_s;
+    EXPECT_LT(peak.bandwidth_hz, 200e3);
+    // Nor where the band is stated: too few samples for bins much narrower than it.
+    o.bandwidth_hz = 35e3;
+    EXPECT_EQ(measured(pair, o).status, AmbiguityStatus::kOk) << c.rate_hz << ' ' << c.duration_s;
+  }
+  // 3 and 6 kbaud at 2 Msps: the same bursts, 8 and 4 times slower.
+  for (const double slower : {25.0 / 3.0, 25.0 / 6.0}) {
+    const Pair pair =
+        recorded({.rate_hz = 2e6 * slower, .duration_s = 0.03 / slower, .snr_db = 15.0, .tdoa_s = 1e-6}, 19);
+    AmbiguityOptions o = options(pair, 2e6);
+    o.bandwidth_hz = 0.0;
+    o.max_doppler_hz = 2e3;
+    const AmbiguityPeak peak = measured(pair, o);
+    ASSERT_EQ(peak.status, AmbiguityStatus::kOk) << slower << ' ' << to_string(peak.status);
+    EXPECT_NEAR(peak.tdoa_s, slower * 1e-6, 5.0 * peak.sigma_tdoa_s);
+    EXPECT_GT(peak.sigma_tdoa_s, 0.5 * slower * stein_bound(kSymbols, 0.03 / slower, 31.6, 31.6).sigma_tdoa_s);
+  }
+}
+
+// Noise over 10 Msps shows no band; the search of all of it over +-1 ms, a minute's work, is not made.
+TEST(CrossAmbiguity, LongSearchOfABandThatIsNotSeenIsNotMade) {
+  const RandomStream random(20, 7);
+  Pair pair{std::vector<Cf32>(300'000), std::vector<Cf32>(300'000)};
+  random.substream(1).fill_complex_normal(pair.a, 1.0);
+  random.substream(2).fill_complex_normal(pair.b, 1.0);
+  AmbiguityOptions o = options(pair, 10e6);
+  o.bandwidth_hz = 0.0;
+  o.max_delay_s = 1e-3;
+  const AmbiguityPeak peak = measured(pair, o);
+  EXPECT_EQ(peak.status, AmbiguityStatus::kNotDetected);
+  EXPECT_TRUE(std::isinf(peak.sigma_tdoa_s));
 }
 
 TEST(CrossAmbiguity, IdenticalRecordingsAreFlagged) {

@@ -20,8 +20,8 @@ enum class AmbiguityPrefilter {
 /// What came of a pair of recordings.
 enum class AmbiguityStatus {
   kOk,              ///< a common signal was found; delay and Doppler hold
-  kNotDetected,     ///< no peak above the threshold
-  kTone,            ///< what the recordings share is a tone, whose delay cannot be seen
+  kNotDetected,     ///< no peak above the threshold, or a search too long of a band that does not stand out
+  kTone,            ///< what the recordings share is a tone, steady or keyed, whose delay cannot be seen
   kIdentical,       ///< the same samples up to a constant: the delay is zero and says nothing
   kTooShort,        ///< fewer than `CrossAmbiguity::min_samples()` samples, or none
   kTooLong,         ///< more than `max_samples`
