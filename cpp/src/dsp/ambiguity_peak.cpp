@@ -20,6 +20,10 @@ constexpr int kClimbs = 12;
 constexpr double kShapeSnr = 20.0;
 // The same, per band, for the spectrum's own shape against a raised cosine.
 constexpr double kBandSnr = 30.0;
+// Growth of the variances over eq. 8 near the threshold, per post-correlation SNR (doc/ambiguity.md eq. 10).
+constexpr double kDelayGrowth = 12.0;       // the signal's spectrum fitted,
+constexpr double kDelayGrowthStated = 3.0;  // or stated
+constexpr double kDopplerGrowth = 7.0;
 constexpr double kConcentrated = 0.85;  // of the cross-spectrum's power in a few cells or two bands
 constexpr double kLineCells = 4.0;      // 1 / duration to either side of a line
 constexpr double kNarrow = 0.2;         // of the band: two of the spectrum's bands below this resolve it
@@ -473,8 +477,9 @@ void AmbiguityStage::covariance(const StagePeak& peak, AmbiguityPeak& result) co
   double correlation = 0.0;
   if (curvature > 0.0) correlation = std::clamp(-trust * peak.mixed_curvature / std::sqrt(curvature), -0.99, 0.99);
   const double inflation = 1.0 / (1.0 - correlation * correlation);
-  lag_variance *= inflation;
-  doppler_variance *= inflation;
+  const bool fitted = options_.prefilter == AmbiguityPrefilter::kMaximumLikelihood && options_.symbol_rate_hz <= 0.0;
+  lag_variance *= inflation * (1.0 + (fitted ? kDelayGrowth : kDelayGrowthStated) / std::max(snr, 1.0));
+  doppler_variance *= inflation * (1.0 + kDopplerGrowth / std::max(snr, 1.0));
   result.sigma_tdoa_s = std::sqrt(lag_variance);
   result.sigma_fdoa_hz = std::sqrt(doppler_variance);
   result.sigma_tdoa_rate = result.sigma_tdoa_s * kTwoPi / std::sqrt(spread);

@@ -112,14 +112,14 @@ OrbitState J2Orbit::at(double t_s) const noexcept {
   const double a = elements_.semi_major_axis_m;
   const double E = eccentric_anomaly(elements_.mean_anomaly_rad + anomaly_rate_ * since_s, e);
   const double root = std::sqrt(1.0 - e * e);
-  const double cE = std::cos(E);
-  const double sE = std::sin(E);
-  const double E_rate = anomaly_rate_ / (1.0 - e * cE);
+  const double ce = std::cos(E);
+  const double se = std::sin(E);
+  const double E_rate = anomaly_rate_ / (1.0 - e * ce);
   // In the orbit's plane, x to the perigee; the perigee's own drift turns it.
-  const double x = a * (cE - e);
-  const double y = a * root * sE;
-  const double vx = -a * sE * E_rate - perigee_rate_ * y;
-  const double vy = a * root * cE * E_rate + perigee_rate_ * x;
+  const double x = a * (ce - e);
+  const double y = a * root * se;
+  const double vx = -a * se * E_rate - perigee_rate_ * y;
+  const double vy = a * root * ce * E_rate + perigee_rate_ * x;
   const double perigee = elements_.perigee_rad + perigee_rate_ * since_s;
   const double cw = std::cos(perigee);
   const double sw = std::sin(perigee);

@@ -39,7 +39,7 @@ bool heard_at(const PairReceiver& receiver, const SampledOrbit& beacon, double r
 }
 
 constexpr int kNodes = 6;
-constexpr double kFitTolerance_s = 1e-13;
+constexpr double kFitToleranceS = 1e-13;
 constexpr std::int64_t kChunk = 256;
 
 /// cos(pi (2 i + 1) / 12), the Chebyshev nodes.
@@ -92,7 +92,7 @@ bool fit_offset(const PairReceiver& receiver, const SampledOrbit& beacon, const 
   for (const double x : {1.0, 0.86, 0.5, 0.0, -0.5, -0.86, -1.0}) {
     worst = std::max(worst, std::abs(offset(x) - expand(fit, x).value));
   }
-  return worst <= kFitTolerance_s;
+  return worst <= kFitToleranceS;
 }
 
 /// a b less whole turns.

@@ -27,7 +27,7 @@ using Row = std::array<float, kTaps>;
 
 /// Row p: weights of the 32 samples about an instant p / 512 of a sample after the 16th of them.
 const std::array<Row, kPhases + 1>& weights() {
-  static const auto table = [] {
+  static const auto kTable = [] {
     constexpr double kBeta = 9.0;
     std::array<Row, kPhases + 1> out{};
     for (std::size_t p = 0; p <= kPhases; ++p) {
@@ -42,7 +42,7 @@ const std::array<Row, kPhases + 1>& weights() {
     }
     return out;
   }();
-  return table;
+  return kTable;
 }
 
 }  // namespace

@@ -112,7 +112,7 @@ struct AmbiguityPeak {
 /// lines are subtracted, noise around the burst is cut away; the search is few lags x FFT over Doppler, or FFT over
 /// delay x Doppler bins, whichever costs less; the peak is then refined off the grid by Newton steps on the likelihood,
 /// with the prefilter weighted by the SNR that the data show. The covariance is the stochastic bound at the coherence
-/// measured (doc/ambiguity.md eq. 9), which is Stein's at high SNR.
+/// measured (doc/ambiguity.md eq. 9), which is Stein's at high SNR, and larger near the threshold (eq. 10).
 ///
 /// Cost: about 0.8 ms for 90 ms at 250 ksps and +-20 us x +-40 kHz. The constructor allocates, `measure` does not (see
 /// `Fft` for transforms above 2^18 points). One object serves one thread at a time.

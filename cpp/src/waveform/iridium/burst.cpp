@@ -48,8 +48,8 @@ struct PulseTable {
 };
 
 const PulseTable& table() {
-  static const PulseTable made;
-  return made;
+  static const PulseTable kMade;
+  return kMade;
 }
 
 SOOPNAV_INLINE void load(Lanes& out, const float* from) { std::memcpy(&out, from, sizeof out); }
