@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "navigation/cooperative_iterate.hpp"
 #include "navigation/cooperative_rows.hpp"
 #include "soopnav/clock/two_state.hpp"
 #include "soopnav/core/joint_process.hpp"
@@ -19,6 +20,18 @@ namespace {
 
 using PairMotion = JointProcess<NearlyConstantVelocity<3>, clock::TwoState<>>;
 using ClockWalk = JointProcess<RandomWalk<Role<1, ClockBiasTag>>, RandomWalk<Role<1, ClockDriftTag>>>;
+
+// A clock's reading and rate are other ones from now on.
+struct ClockShift {
+  static constexpr int kNoise = 0;
+  double theta_m, alpha_mps;
+  template <class X, class W, class Y>
+  [[nodiscard]] bool propagate(const X& /*x*/, double /*dt_s*/, const W& /*w*/, Y& y) const {
+    y.next(kClockBias)[0] += theta_m;
+    y.next(kClockDrift)[0] += alpha_mps;
+    return true;
+  }
+};
 
 PairState pair_state(const PairVector& mean) {
   PairState state;
@@ -50,21 +63,6 @@ PairMotion motion_of(const PairFilterOptions& o) {
   return {NearlyConstantVelocity<3>{{q, q, q}}, clock::TwoState<>{o.clock_noise}};
 }
 
-// Gauss-Newton steps after an update was taken: the rows are linearised where it ended, and it is taken again from what
-// was saved. `take(rows)` updates; ends early when the position no longer moves.
-template <class Rows, class Engine, class Take>
-void iterate_pair(Engine& engine, const PairModel<>& model, Rows rows, double along_track_m, int iterations,
-                  const Take& take) noexcept {
-  constexpr double kStill = 1e-3;  // [m]
-  for (int k = 1; k < iterations; ++k) {
-    const PairVector before = engine.mean();
-    if (!rows.linearise(model, before, along_track_m)) return;
-    engine.revert();
-    if (!take(rows)) return;
-    if ((engine.mean() - before).template head<3>().norm() < kStill) return;
-  }
-}
-
 class JosephFilter final : public LinearisedFilter {
   using Filter = ExtendedKalmanFilter<LayoutState<EcefFrame, Role<3, PositionTag>, Role<3, VelocityTag>,
                                                   Role<1, ClockBiasTag>, Role<1, ClockDriftTag>>>;
@@ -77,8 +75,9 @@ class JosephFilter final : public LinearisedFilter {
         room_(options.max_along_track),
         now_{Filter(PairState{}, PairSquare::Identity(), kPairDim + room_, room_), {}},
         kept_(now_),
-        before_(now_) {
-    for (Kept* k : {&now_, &kept_, &before_}) k->ahead.reserve(static_cast<std::size_t>(room_));
+        before_(now_),
+        taken_(now_) {
+    for (Kept* k : {&now_, &kept_, &before_, &taken_}) k->ahead.reserve(static_cast<std::size_t>(room_));
   }
 
   void restart(double /*t_s*/, const PairVector& mean, const PairSquare& P) override {
@@ -128,6 +127,9 @@ class JosephFilter final : public LinearisedFilter {
     if (!(theta_m2 >= 0.0) || !(alpha_m2ps2 >= 0.0)) return UpdateStatus::kNotPositiveDefinite;
     return now_.filter.predict(ClockWalk{{kClockBias, {theta_m2}}, {kClockDrift, {alpha_m2ps2}}}, 1.0);
   }
+  UpdateStatus shift_clock(double theta_m, double alpha_mps) noexcept override {
+    return now_.filter.predict(ClockShift{theta_m, alpha_mps}, 1.0);
+  }
 
   [[nodiscard]] PairVector mean() const noexcept override { return now_.filter.state().x().head<kPairDim>(); }
   [[nodiscard]] PairSquare covariance() const noexcept override {
@@ -163,7 +165,12 @@ class JosephFilter final : public LinearisedFilter {
   void save() noexcept override { kept_ = now_; }
   void load() noexcept override { now_ = kept_; }
   /// Back to what it was before the update that runs.
-  void revert() noexcept { now_ = before_; }
+  void revert() noexcept {
+    taken_ = now_;
+    now_ = before_;
+  }
+  /// As it was when it last reverted.
+  void restore_taken() noexcept { now_ = taken_; }
 
  private:
   struct Ahead {
@@ -187,6 +194,7 @@ class JosephFilter final : public LinearisedFilter {
   Kept now_;
   Kept kept_;
   Kept before_;
+  Kept taken_;
 };
 
 class PairInformationFilter final : public CooperativeFilter {
@@ -198,7 +206,8 @@ class PairInformationFilter final : public CooperativeFilter {
         iterations_(options.iterations),
         now_(PairState{}, PairSquare::Identity()),
         kept_(now_),
-        before_(now_) {}
+        before_(now_),
+        taken_(now_) {}
 
   void restart(double /*t_s*/, const PairVector& mean, const PairSquare& P) override {
     now_ = Filter(pair_state(mean), P);
@@ -223,11 +232,23 @@ class PairInformationFilter final : public CooperativeFilter {
     if (!(theta_m2 >= 0.0) || !(alpha_m2ps2 >= 0.0)) return UpdateStatus::kNotPositiveDefinite;
     return now_.predict(ClockWalk{{kClockBias, {theta_m2}}, {kClockDrift, {alpha_m2ps2}}}, 1.0);
   }
+  UpdateStatus shift_clock(double theta_m, double alpha_mps) noexcept override {
+    if (!std::isfinite(theta_m + alpha_mps)) return UpdateStatus::kNonFinite;
+    PairState state = now_.state();
+    state.x[6] += theta_m;
+    state.x[7] += alpha_mps;
+    now_.restore_information(state, now_.information());
+    return UpdateStatus::kAccepted;
+  }
   [[nodiscard]] PairVector mean() const noexcept override { return now_.state().x; }
   [[nodiscard]] PairSquare covariance() const noexcept override { return now_.covariance(); }
   void save() noexcept override { kept_ = now_; }
   void load() noexcept override { now_ = kept_; }
-  void revert() noexcept { now_ = before_; }
+  void revert() noexcept {
+    taken_ = now_;
+    now_ = before_;
+  }
+  void restore_taken() noexcept { now_ = taken_; }
 
  private:
   PairMotion motion_;
@@ -235,6 +256,7 @@ class PairInformationFilter final : public CooperativeFilter {
   Filter now_;
   Filter kept_;
   Filter before_;
+  Filter taken_;
 };
 
 }  // namespace

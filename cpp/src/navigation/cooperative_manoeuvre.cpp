@@ -94,6 +94,18 @@ class MultipleModelFilter final : public ManoeuvreFilter {
     imm_.restore(modes, imm_.probabilities());
     return UpdateStatus::kAccepted;
   }
+  UpdateStatus shift_clock(double theta_m, double alpha_mps) noexcept override {
+    if (!std::isfinite(theta_m + alpha_mps)) return UpdateStatus::kNonFinite;
+    Imm::Modes modes = imm_.modes();
+    for (auto& mode : modes) {
+      State x = mode.state();
+      x.x[State::at(kClockBias)] += theta_m;
+      x.x[State::at(kClockDrift)] += alpha_mps;
+      mode.restore(x, mode.covariance());
+    }
+    imm_.restore(modes, imm_.probabilities());
+    return UpdateStatus::kAccepted;
+  }
 
   [[nodiscard]] PairVector mean() const noexcept override { return imm_.state().x; }
   [[nodiscard]] PairSquare covariance() const noexcept override { return imm_.covariance(); }

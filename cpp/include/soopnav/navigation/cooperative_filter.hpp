@@ -37,6 +37,11 @@ class CooperativeFilter {
   virtual UpdateReport<1> update(const PlaneDistance<>& model, double distance_m, double variance_m2) noexcept = 0;
   /// Adds to the variances of theta [m²] and alpha [m²/s²], after a jump of a clock. All modes, all copies.
   virtual UpdateStatus reopen_clock(double theta_m2, double alpha_m2ps2) noexcept = 0;
+  /// Moves the means of theta [m] and alpha [m/s] and leaves the covariance. An engine that cannot answers kUndefined,
+  /// as this does: the tracker then adds the squares to the variances, which rounding limits to small jumps.
+  virtual UpdateStatus shift_clock(double /*theta_m*/, double /*alpha_mps*/) noexcept {
+    return UpdateStatus::kUndefined;
+  }
   [[nodiscard]] virtual PairVector mean() const noexcept = 0;
   [[nodiscard]] virtual PairSquare covariance() const noexcept = 0;
 
