@@ -23,6 +23,7 @@ using inertial::kAccelerometerBias;
 using inertial::kGyroBias;
 
 constexpr double kInertialSlackS = 1e-9;
+constexpr int kSpareSteps = 8;  // of the smoother, for clocks reopened between predictions
 
 void require_inertial(bool holds, const char* name, double value, const char* rule) {
   if (holds) return;
@@ -62,11 +63,11 @@ class StrapdownPairFilter final : public InertialFilter {
         gap_{{options.gap, options.noise}, {options.clock_noise}},
         filter_(State{}, Square::Identity()),
         kept_(filter_),
-        smoother_(std::max(options.smoother_steps, 1)),
+        smoother_(std::max(options.smoother_steps, 1) + kSpareSteps),
         guard_(options.limits),
         coning_(options.coning_samples),
         pieces_(options.waiting_samples) {
-    times_s_.reserve(static_cast<std::size_t>(std::max(options.smoother_steps, 1)));
+    times_s_.reserve(static_cast<std::size_t>(smoother_.capacity()));
   }
 
   void restart(double t_s, const PairVector& mean, const PairSquare& P) override {
@@ -91,6 +92,8 @@ class StrapdownPairFilter final : public InertialFilter {
     drop_before(t_s);
     smoother_.clear();
     times_s_.clear();
+    split_ = false;
+    spare_used_ = 0;
     open_step(Square::Zero());
     complete_ = true;
     save();
@@ -138,7 +141,7 @@ class StrapdownPairFilter final : public InertialFilter {
       const Square across = P0 * phi_.transpose();
       if (cross != nullptr) *cross = across.topLeftCorner<kPairDim, kPairDim>();
       if (options_.smoother_steps > 0) {
-        close_step(filter_before, before.asked_s);
+        close_steps(filter_before, before.asked_s);
         open_step(across);
       }
     }
@@ -147,10 +150,14 @@ class StrapdownPairFilter final : public InertialFilter {
 
   UpdateReport<2> update(const PairModel<>& model, int /*number*/, const PairObservation& observed,
                          const Gate& gate) noexcept override {
-    return filter_.update(model, observed.z, observed.R, gate);
+    const auto report = filter_.update(model, observed.z, observed.R, gate);
+    touched_ = touched_ || report.accepted();
+    return report;
   }
   UpdateReport<1> update(const PlaneDistance<>& model, double distance_m, double variance_m2) noexcept override {
-    return filter_.update(model, distance_m, variance_m2);
+    const auto report = filter_.update(model, distance_m, variance_m2);
+    touched_ = touched_ || report.accepted();
+    return report;
   }
   UpdateStatus reopen_clock(double theta_m2, double alpha_m2ps2) noexcept override {
     if (!(theta_m2 >= 0.0) || !(alpha_m2ps2 >= 0.0) || !std::isfinite(theta_m2 + alpha_m2ps2)) {
@@ -159,7 +166,19 @@ class StrapdownPairFilter final : public InertialFilter {
     Square P = filter_.covariance();
     P(State::at(kClockBias), State::at(kClockBias)) += theta_m2;
     P(State::at(kClockDrift), State::at(kClockDrift)) += alpha_m2ps2;
+    const Filter before = filter_;
     filter_.restore(filter_.state(), P);
+    split_step(before);
+    return UpdateStatus::kAccepted;
+  }
+  UpdateStatus shift_clock(double theta_m, double alpha_mps) noexcept override {
+    if (!std::isfinite(theta_m + alpha_mps)) return UpdateStatus::kNonFinite;
+    State x = filter_.state();
+    x.x[State::at(kClockBias)] += theta_m;
+    x.x[State::at(kClockDrift)] += alpha_mps;
+    const Filter before = filter_;
+    filter_.restore(x, filter_.covariance());
+    split_step(before);
     return UpdateStatus::kAccepted;
   }
   [[nodiscard]] PairVector mean() const noexcept override { return filter_.state().x.head<kPairDim>(); }
@@ -170,10 +189,16 @@ class StrapdownPairFilter final : public InertialFilter {
   void save() noexcept override {
     kept_ = filter_;
     saved_ = snapshot();
+    kept_steps_ = {step_, earlier_, step_open_, split_, touched_};
   }
   void load() noexcept override {
     filter_ = kept_;
     put_back(saved_);
+    step_ = kept_steps_.step;
+    earlier_ = kept_steps_.earlier;
+    step_open_ = kept_steps_.open;
+    split_ = kept_steps_.split;
+    touched_ = kept_steps_.touched;
   }
 
   [[nodiscard]] InertialPairEstimate estimate() const noexcept override {
@@ -182,7 +207,7 @@ class StrapdownPairFilter final : public InertialFilter {
   [[nodiscard]] std::vector<InertialPairEstimate> smooth() override {
     std::vector<InertialPairEstimate> out;
     if (options_.smoother_steps == 0) return out;
-    close_step(filter_, asked_s_);
+    close_steps(filter_, asked_s_);
     if (!complete_ || smoother_.smooth() != SmoothStatus::kDone) return out;
     const auto steps = smoother_.smoothed();
     out.reserve(steps.size());
@@ -313,13 +338,41 @@ class StrapdownPairFilter final : public InertialFilter {
     step_.P_pred = filter_.covariance();
     step_.cross = cross;
     step_open_ = true;
+    touched_ = false;
   }
-  void close_step(const Filter& filtered, double t_s) noexcept {
+  // The clock changed in the step that is open, from `before`. Until something is learnt that is noise of the
+  // prediction that opened it; from then on it is a prediction of its own that takes no time, with the step cut in two.
+  // The first half waits in `earlier_`, for `load` may yet undo the cut.
+  void split_step(const Filter& before) noexcept {
+    if (options_.smoother_steps == 0 || !step_open_) return;
+    if (!touched_) {
+      step_.predicted = filter_.state();
+      step_.P_pred = filter_.covariance();
+      return;
+    }
+    if (split_) spare_step(asked_s_);
+    earlier_ = step_;
+    earlier_.filtered = before.state();
+    earlier_.P = before.covariance();
+    split_ = true;
+    open_step(before.covariance());
+  }
+  void close_steps(const Filter& filtered, double t_s) noexcept {
     if (!step_open_) return;
+    if (split_) spare_step(t_s);
+    split_ = false;
     step_.filtered = filtered.state();
     step_.P = filtered.covariance();
     step_open_ = false;
-    if (smoother_.record(step_) != SmoothStatus::kDone) {
+    put_down(step_, t_s);
+  }
+  void spare_step(double t_s) noexcept {
+    ++spare_used_;
+    put_down(earlier_, t_s);
+  }
+  void put_down(const StepRecord<State>& step, double t_s) noexcept {
+    const int room = std::max(options_.smoother_steps, 1) + std::min(spare_used_, kSpareSteps);
+    if (smoother_.size() >= room || smoother_.record(step) != SmoothStatus::kDone) {
       complete_ = false;
       return;
     }
@@ -340,7 +393,15 @@ class StrapdownPairFilter final : public InertialFilter {
   Saved saved_{};
   RtsSmoother<State> smoother_;
   StepRecord<State> step_{};
+  StepRecord<State> earlier_{};  // of a step cut in two, the first half
   bool step_open_ = false;
+  bool split_ = false;
+  bool touched_ = false;  // something was learnt since the step was opened
+  int spare_used_ = 0;
+  struct {
+    StepRecord<State> step{}, earlier{};
+    bool open = false, split = false, touched = false;
+  } kept_steps_;
   bool complete_ = true;
   std::vector<double> times_s_;
   Square phi_ = Square::Identity();

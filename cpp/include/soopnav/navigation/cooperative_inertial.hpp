@@ -50,7 +50,8 @@ struct InertialPairEstimate {
 ///          within a sample takes part of it and leaves the rest. Give samples up to and including the one a burst
 ///          falls into before the burst: time no sample speaks for (missing, saturated, not finite, not there yet) is
 ///          coasted at constant velocity and attitude, its covariance growing by `gap`, one episode as a whole.
-/// Smoother: `smooth`, over all 17 states; so not `smoothable` by eight of them.
+/// Smoother: `smooth`, over all 17 states; so not `smoothable` by eight of them. A clock reopened after an update cuts
+///          its step in two of the same time, for which there is room eight times beyond `smoother_steps`.
 /// Restart: attitude and biases begin as the options say, and later as they are, without their correlations.
 /// Nothing throws or allocates behind the constructor but `restart` (bad input) and `smooth`. About 10 us for a sample.
 class InertialFilter : public CooperativeFilter {
@@ -60,8 +61,9 @@ class InertialFilter : public CooperativeFilter {
   virtual inertial::ImuStatus add_imu(double t_s, const Eigen::Vector3d& delta_theta_b,
                                       const Eigen::Vector3d& delta_velocity_b) noexcept = 0;
   [[nodiscard]] virtual InertialPairEstimate estimate() const noexcept = 0;
-  /// Rauch-Tung-Striebel over the predictions since `restart`, each with what was updated before the next; the last is
-  /// the filter's own. For the end of a run. Empty when `smoother_steps` were too few or a number overflowed.
+  /// Rauch-Tung-Striebel over the predictions since `restart`, each with what was updated before the next, and twice,
+  /// before and after, where a clock was reopened in between; the last is the filter's own. For the end of a run. Empty
+  /// when `smoother_steps` were too few or a number overflowed.
   [[nodiscard]] virtual std::vector<InertialPairEstimate> smooth() = 0;
 };
 
