@@ -158,6 +158,7 @@ void register_pair_results(py::module_& m) {
       .value("NOT_STARTED", PairUse::kNotStarted)
       .value("CLOCK_JUMP", PairUse::kClockJump)
       .value("FREQUENCY_JUMP", PairUse::kFrequencyJump)
+      .value("BAD_STATE", PairUse::kBadState)
       .finalize();
   using navigation::PairStartStatus;
   py::native_enum<PairStartStatus>(m, "PairStartStatus", "enum.Enum", "How a start from a batch of bursts ended.")

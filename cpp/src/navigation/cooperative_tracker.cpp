@@ -11,6 +11,7 @@
 #include "soopnav/core/constants.hpp"
 #include "soopnav/estimation/chi_square.hpp"
 #include "soopnav/estimation/covariance_check.hpp"
+#include "soopnav/estimation/detail/gaussian_update.hpp"
 #include "soopnav/geometry/wgs84.hpp"
 
 namespace soopnav::navigation {
@@ -19,7 +20,14 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kAgreeSigmas = 5.0;    // refused bursts that agree with each other do so within this
+constexpr double kAgreeSigmas = 5.0;   // refused bursts that agree with each other do so within this
+constexpr double kReopened = 100.0;    // times S: what a jump leaves of a variance, so its burst counts 1 % twice
+constexpr double kLeanSquared = 28.4;  // chi-square of one degree at 1e-7: accepted bursts lean to one side
+constexpr double kLeanShared = 2.0;    // sigmas that each of two beacons must lean for it to be the frequency
+constexpr std::size_t kShortWindow = 5;
+constexpr double kMostTdoaS = 1e6;      // eleven days: theta still resolves 0.06 m
+constexpr double kMostSkew = 1e-3;      // of a clock
+constexpr int kSpareSteps = 8;          // of the smoother, for jumps
 constexpr double kOffRoadSigmas = 5.0;  // farther from its road a target is taken to have left it
 
 std::unique_ptr<CooperativeFilter> engine_of(const CooperativeOptions& options) {
@@ -38,7 +46,7 @@ PairUse use_of(UpdateStatus status) noexcept {
     case UpdateStatus::kNonFinite:
       return PairUse::kNotFinite;
     default:
-      return PairUse::kBadCovariance;
+      return PairUse::kBadState;  // the burst's own covariance was judged before
   }
 }
 
@@ -68,6 +76,8 @@ std::string_view to_string(PairUse use) noexcept {
       return "clock jump";
     case PairUse::kFrequencyJump:
       return "frequency jump";
+    case PairUse::kBadState:
+      return "state not sound";
   }
   return "unknown";
 }
@@ -148,8 +158,9 @@ CooperativeTracker::CooperativeTracker(std::vector<PairBeacon> beacons, const Co
   }
   heard_t_s_.assign(beacons_.size(), -std::numeric_limits<double>::infinity());
   if (options_.smoother_capacity > 0) {
-    smoother_ = std::make_unique<RtsSmoother<PositionVelocityClock<EcefFrame, 3>>>(options_.smoother_capacity);
-    record_t_s_.reserve(static_cast<std::size_t>(options_.smoother_capacity));
+    smoother_ =
+        std::make_unique<RtsSmoother<PositionVelocityClock<EcefFrame, 3>>>(options_.smoother_capacity + kSpareSteps);
+    record_t_s_.reserve(static_cast<std::size_t>(smoother_->capacity()));
   }
 }
 
@@ -162,14 +173,18 @@ void CooperativeTracker::start_at(double t_s, const PairVector& mean, const Pair
   accepted_t_s_ = t_s;
   started_ = true;
   suspect_ = {};
+  waiting_ = {};
+  taken_ = 0;
   std::fill(heard_t_s_.begin(), heard_t_s_.end(), -std::numeric_limits<double>::infinity());
   if (smoother_ != nullptr) {
     smoother_->clear();
     record_t_s_.clear();
     smoother_full_ = false;
+    spare_used_ = 0;
     step_.predicted.x = step_.filtered.x = mean;
     step_.P_pred = step_.P = P;
     step_.cross.setZero();
+    close_step();
     record();
   }
 }
@@ -205,6 +220,7 @@ double CooperativeTracker::orbit_sigma_m(const PairBeacon& beacon, double t_s) c
 PairUse CooperativeTracker::check(const PairMeasurement& m, PairObservation& observed) const noexcept {
   if (!started_) return PairUse::kNotStarted;
   if (!pair_observation(m, observed)) return PairUse::kNotFinite;
+  if (std::abs(m.tdoa_s) > kMostTdoaS || std::abs(m.fdoa_hz) > kMostSkew * m.carrier_hz) return PairUse::kNotFinite;
   if (m.beacon < 0 || m.beacon >= static_cast<int>(beacons_.size())) return PairUse::kUnknownBeacon;
   if (m.t_s < t_s_) return PairUse::kNotAdvancing;
   const geometry::SampledOrbit& orbit = beacons_[static_cast<std::size_t>(m.beacon)].orbit;
@@ -317,8 +333,9 @@ void CooperativeTracker::note_orbit_error(const PairMeasurement& m, const PairMo
   observed.R += sigma_m * sigma_m * g.along_track * g.along_track.transpose();
 }
 
-PairUse CooperativeTracker::look_for_jump(const PairMeasurement& m, const PairReport& report) noexcept {
-  if (options_.jump_after == 0) return PairUse::kGated;
+CooperativeTracker::Opening CooperativeTracker::look_for_jump(const PairMeasurement& m,
+                                                              const PairReport& report) noexcept {
+  if (options_.jump_after == 0) return {};
   const Eigen::Vector2d& r = report.innovation;
   const Eigen::Matrix2d& S = report.covariance;
   const bool rate_fits = r[1] * r[1] <= single_gate_ * S(1, 1);
@@ -329,18 +346,91 @@ PairUse CooperativeTracker::look_for_jump(const PairMeasurement& m, const PairRe
                       apart * apart <= kAgreeSigmas * kAgreeSigmas * (S(row, row) + suspect_.covariance(row, row));
   const bool two = agrees && (suspect_.two_beacons || suspect_.beacon != m.beacon);
   suspect_ = {agrees ? suspect_.run + 1 : 1, r, S, rate_fits, m.beacon, two};
-  if (suspect_.run < options_.jump_after || (!rate_fits && !two)) return PairUse::kGated;
-  const double alpha = rate_fits ? 0.0 : r[1];
-  if (engine_->reopen_clock(r[0] * r[0], alpha * alpha) != UpdateStatus::kAccepted) return PairUse::kGated;
-  suspect_ = {};
-  return rate_fits ? PairUse::kClockJump : PairUse::kFrequencyJump;
+  if (suspect_.run < options_.jump_after) return {};
+  if (!rate_fits && !two) {
+    // One beacon shows its rate alone, of a place or of a clock: alpha gets vaguer until it fits.
+    waiting_ = {.use = PairUse::kFrequencyJump, .alpha_m2ps2 = S(1, 1)};
+    return {};
+  }
+  // The means follow the burst: variances of the square of a jump would leave nothing of the others' to rounding.
+  Opening jump;
+  jump.use = rate_fits ? PairUse::kClockJump : PairUse::kFrequencyJump;
+  if (!rate_fits) {
+    jump.alpha_mps = r[1];
+    jump.alpha_m2ps2 = kReopened * S(1, 1);
+  }
+  if (r[0] * r[0] > single_gate_ * S(0, 0)) {
+    jump.theta_m = r[0];
+    jump.theta_m2 = kReopened * S(0, 0);
+  } else {
+    jump.theta_m2 = r[0] * r[0];
+  }
+  return jump;
 }
 
-void CooperativeTracker::record() noexcept {
-  if (smoother_ == nullptr || smoother_full_) return;
+void CooperativeTracker::look_for_lean(int beacon, const PairReport& report) noexcept {
+  if (options_.jump_after == 0 || !std::isfinite(single_gate_)) return;
+  const Eigen::Vector2d sigmas = report.covariance.diagonal().cwiseSqrt();
+  window_[taken_++ % kWindow] = {report.innovation, report.innovation.cwiseQuotient(sigmas), beacon};
+  for (const std::size_t n : {kShortWindow, kWindow}) {
+    if (taken_ < n) return;
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero(), mean = Eigen::Vector2d::Zero();
+    double own = 0.0, others = 0.0, of_own = 0.0;
+    const auto size = static_cast<double>(n);
+    for (std::size_t i = taken_ - n; i < taken_; ++i) {
+      const Taken& t = window_[i % kWindow];
+      sum += t.sigmas;
+      mean += t.innovation / size;
+      (t.beacon == beacon ? own : others) += t.sigmas[1];
+      of_own += t.beacon == beacon ? 1.0 : 0.0;
+    }
+    const bool shared = of_own < size && own * others > 0.0 && own * own > kLeanShared * kLeanShared * of_own &&
+                        others * others > kLeanShared * kLeanShared * (size - of_own);
+    const bool frequency = sum[1] * sum[1] > kLeanSquared * size && shared;
+    if (!frequency && !(sum[0] * sum[0] > kLeanSquared * size)) continue;
+    // What remained of the bursts is less than the step: the state followed it in part.
+    waiting_ = {.use = frequency ? PairUse::kFrequencyJump : PairUse::kClockJump,
+                .theta_m2 = 4.0 * mean[0] * mean[0],
+                .alpha_m2ps2 = frequency ? 4.0 * mean[1] * mean[1] : 0.0};
+    taken_ = 0;
+    return;
+  }
+}
+
+bool CooperativeTracker::open_clock(const Opening& o) noexcept {
+  double theta_m2 = o.theta_m2, alpha_m2ps2 = o.alpha_m2ps2;
+  if ((o.theta_m != 0.0 || o.alpha_mps != 0.0) &&
+      engine_->shift_clock(o.theta_m, o.alpha_mps) != UpdateStatus::kAccepted) {
+    theta_m2 += o.theta_m * o.theta_m;
+    alpha_m2ps2 += o.alpha_mps * o.alpha_mps;
+  }
+  return engine_->reopen_clock(theta_m2, alpha_m2ps2) == UpdateStatus::kAccepted;
+}
+
+// What was found out by earlier bursts is noise of this prediction; the use of a burst that is then accepted.
+PairUse CooperativeTracker::open_waiting() noexcept {
+  const Opening opening = std::exchange(waiting_, {});
+  const bool opened = opening.use != PairUse::kGated && open_clock(opening);
+  return opened ? opening.use : PairUse::kAccepted;
+}
+
+void CooperativeTracker::open_step() noexcept {
+  if (smoother_ == nullptr) return;
+  step_.predicted.x = engine_->mean();
+  step_.P_pred = engine_->covariance();
+}
+
+void CooperativeTracker::close_step() noexcept {
+  if (smoother_ == nullptr) return;
   step_.filtered.x = engine_->mean();
   step_.P = engine_->covariance();
-  if (smoother_->record(step_) == SmoothStatus::kDone) {
+}
+
+void CooperativeTracker::record(bool spare) noexcept {
+  if (smoother_ == nullptr || smoother_full_) return;
+  if (spare) ++spare_used_;
+  const int room = options_.smoother_capacity + std::min(spare_used_, kSpareSteps);
+  if (smoother_->size() < room && smoother_->record(step_) == SmoothStatus::kDone) {
     record_t_s_.push_back(t_s_);
   } else {
     smoother_full_ = true;
@@ -363,54 +453,71 @@ PairReport CooperativeTracker::update(const PairMeasurement& m) noexcept {
                           {},
                           options_.anchor_drift_mps};
   if (!move_to(m.t_s)) {
-    report.use = PairUse::kNotFinite;
+    report.use = PairUse::kBadState;  // its time is one that can be reached
     return done();
   }
-  if (smoother_ != nullptr) {
-    step_.predicted.x = engine_->mean();
-    step_.P_pred = engine_->covariance();
-  }
+  const PairUse opened = open_waiting();
+  open_step();
   constrain();
+  const Eigen::Matrix2d noise = observed.R;
   note_orbit_error(m, model, observed);
   const auto take = [&] {
     const auto update = engine_->update(model, m.beacon, observed, gate_);
     report.innovation = update.innovation;
     report.covariance = update.covariance;
     report.nis = update.nis;
-    return use_of(update.status);
+    const PairUse use = use_of(update.status);
+    const bool burst = use == PairUse::kBadState && soopnav::detail::check_noise(observed.R) != UpdateStatus::kAccepted;
+    return burst ? PairUse::kBadCovariance : use;
   };
   report.use = take();
   if (report.use == PairUse::kAccepted) {
     suspect_ = {};
+    // An orbit's error within R stays from burst to burst: no lean of a clock's.
+    if (observed.R == noise) look_for_lean(m.beacon, report);
+    report.use = opened;
+    if (opened != PairUse::kAccepted) taken_ = 0;
   } else if (report.use == PairUse::kGated) {
-    const PairUse jump = look_for_jump(m, report);
-    if (jump != PairUse::kGated) {
-      // The clock alone went astray: its variance grows as by a prediction that takes no time.
-      record();
-      if (smoother_ != nullptr) {
-        step_.cross = step_.P;
-        step_.predicted.x = engine_->mean();
-        step_.P_pred = engine_->covariance();
+    const Opening jump = look_for_jump(m, report);
+    if (jump.use != PairUse::kGated) {
+      // The clock alone went astray: a prediction that takes no time, from what was known before it.
+      close_step();
+      const Step before = step_;
+      engine_->save();
+      const bool reopened = open_clock(jump);
+      open_step();
+      const PairUse again = reopened ? take() : PairUse::kGated;
+      if (again == PairUse::kAccepted) {
+        const Step after = std::exchange(step_, before);
+        record(true);
+        step_ = after;
+        step_.cross = before.P;
+        report.use = jump.use;
+        suspect_ = {};
+        taken_ = 0;
+      } else {
+        engine_->load();
+        step_ = before;
+        report.use = again;
       }
-      const PairUse again = take();
-      report.use = again == PairUse::kAccepted ? jump : again;
     }
   }
   if (report.accepted()) {
     accepted_t_s_ = m.t_s;
     heard_t_s_[static_cast<std::size_t>(m.beacon)] = m.t_s;
   }
+  close_step();
   record();
   return done();
 }
 
 bool CooperativeTracker::coast(double t_s) noexcept {
   if (!started_ || !std::isfinite(t_s) || !(t_s > t_s_) || !move_to(t_s)) return false;
-  if (smoother_ != nullptr) {
-    step_.predicted.x = engine_->mean();
-    step_.P_pred = engine_->covariance();
-  }
+  const PairUse opened = open_waiting();
+  if (opened != PairUse::kAccepted) waiting_.use = opened;  // the next burst says so
+  open_step();
   constrain();
+  close_step();
   record();
   return true;
 }

@@ -18,26 +18,20 @@ namespace soopnav::navigation {
 namespace {
 
 using Eigen::Vector3d;
+using pair_test::count;
+using pair_test::nees;
+using pair_test::position_error;
+using pair_test::until;
 using pair_test::World;
 using pair_test::WorldOptions;
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
-double nees(const PairVector& error, const PairSquare& P) { return error.dot(P.ldlt().solve(error)); }
-double position_error(const CooperativeTracker& tracker, const PairVector& truth) {
-  return (tracker.estimate().mean - truth).head<3>().norm();
-}
-long count(const CooperativeTracker& tracker, PairUse use) { return tracker.counts()[static_cast<std::size_t>(use)]; }
 WorldOptions fine(double duration_s = 300.0) {
   WorldOptions o;
   o.duration_s = duration_s;
   o.sigma_tdoa_s = 148e-9;
   o.sigma_fdoa_hz = 45e-3;
   return o;
-}
-std::span<const PairMeasurement> until(const World& world, double t_s) {
-  std::size_t n = 0;
-  while (n < world.bursts.size() && world.bursts[n].t_s < t_s) ++n;
-  return std::span(world.bursts).first(n);
 }
 
 TEST(CooperativeTracker, StartsFromNowhereAndFindsTheTarget) {
@@ -238,52 +232,6 @@ TEST(CooperativeTracker, OneBeaconForMinutesIsHonestAboutWhatItDoesNotShow) {
   }
   ASSERT_GE(runs, 4);
   EXPECT_LT(sum / runs, 16.0);
-}
-
-TEST(CooperativeTracker, AClockThatJumpsIsReopenedAndThePositionStays) {
-  WorldOptions o;
-  o.jump_s = 0.4e-3;
-  o.jump_at_s = 200.0;
-  const World world(4, o);
-  CooperativeTracker tracker(world.beacons, world.options());
-  ASSERT_TRUE(tracker.start(until(world, 90.0)).ok());
-  double worst = 0.0;
-  for (std::size_t k = until(world, 90.0).size(); k < world.bursts.size(); ++k) {
-    static_cast<void>(tracker.update(world.bursts[k]));
-    worst = std::max(worst, position_error(tracker, world.truth[k]));
-  }
-  EXPECT_EQ(count(tracker, PairUse::kClockJump), 1);
-  EXPECT_EQ(count(tracker, PairUse::kGated), 2);
-  EXPECT_LT(worst, 400.0);
-  EXPECT_NEAR(tracker.estimate().mean[6], world.truth.back()[6], 2000.0);
-  EXPECT_LT(nees(tracker.estimate().mean - world.truth.back(), tracker.estimate().covariance), 40.0);
-
-  // Never, when told so: then all bursts after the jump are refused, and nothing moves.
-  auto options = world.options();
-  options.jump_after = 0;
-  CooperativeTracker stubborn(world.beacons, options);
-  ASSERT_TRUE(stubborn.start(until(world, 90.0)).ok());
-  for (std::size_t k = until(world, 90.0).size(); k < world.bursts.size(); ++k) {
-    static_cast<void>(stubborn.update(world.bursts[k]));
-  }
-  EXPECT_GT(count(stubborn, PairUse::kGated), 50);
-  EXPECT_EQ(count(stubborn, PairUse::kClockJump), 0);
-}
-
-TEST(CooperativeTracker, AFrequencyJumpReopensBoth) {
-  WorldOptions o;
-  o.jump_drift = 3e-7;
-  o.jump_at_s = 200.0;
-  const World world(6, o);
-  CooperativeTracker tracker(world.beacons, world.options());
-  ASSERT_TRUE(tracker.start(until(world, 90.0)).ok());
-  for (std::size_t k = until(world, 90.0).size(); k < world.bursts.size(); ++k) {
-    static_cast<void>(tracker.update(world.bursts[k]));
-  }
-  EXPECT_EQ(count(tracker, PairUse::kFrequencyJump), 1);
-  EXPECT_LT(count(tracker, PairUse::kGated), 12);
-  EXPECT_LT(position_error(tracker, world.truth.back()), 400.0);
-  EXPECT_NEAR(tracker.estimate().mean[7], world.truth.back()[7], 5.0);
 }
 
 TEST(CooperativeTracker, AHeightIsNotLearntTwice) {

@@ -1,11 +1,13 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "soopnav/clock/clock_noise.hpp"
@@ -159,5 +161,18 @@ struct World {
     tracker.start_at(bursts[k].t_s, x, PairSquare(sigma.cwiseAbs2().asDiagonal()));
   }
 };
+
+inline double nees(const PairVector& error, const PairSquare& P) { return error.dot(P.ldlt().solve(error)); }
+inline double position_error(const CooperativeTracker& tracker, const PairVector& truth) {
+  return (tracker.estimate().mean - truth).head<3>().norm();
+}
+inline long count(const CooperativeTracker& tracker, PairUse use) {
+  return tracker.counts()[static_cast<std::size_t>(use)];
+}
+inline std::span<const PairMeasurement> until(const World& world, double t_s) {
+  std::size_t n = 0;
+  while (n < world.bursts.size() && world.bursts[n].t_s < t_s) ++n;
+  return std::span(world.bursts).first(n);
+}
 
 }  // namespace soopnav::navigation::pair_test

@@ -28,15 +28,16 @@ enum class PairUse : std::uint8_t {
   kGated,             ///< contradicts the prediction
   kBelowHorizon,      ///< the satellite cannot be seen by both
   kOutsideEphemeris,  ///< nothing is known of the beacon at that time
-  kNotFinite,         ///< NaN or infinity, or a carrier that is not positive
+  kNotFinite,         ///< NaN, infinity, a carrier that is not positive, or what no clock shows: 1e6 s, 1e-3 of it
   kNotAdvancing,      ///< before the last one
   kUnknownBeacon,     ///< a number that no beacon has
-  kBadCovariance,     ///< not positive definite
+  kBadCovariance,     ///< the burst's: not positive definite
   kNotStarted,        ///< there is no estimate yet
   kClockJump,         ///< accepted after theta was reopened: bursts agreed on another one
   kFrequencyJump,     ///< accepted after theta and alpha were
+  kBadState,          ///< the estimate's own covariance is no longer sound: start anew
 };
-inline constexpr int kPairUses = 11;
+inline constexpr int kPairUses = 12;
 [[nodiscard]] std::string_view to_string(PairUse use) noexcept;
 
 /// A transmitter: where it is, and how old that knowledge is.
@@ -67,7 +68,9 @@ struct CooperativeOptions {
   int along_track_states = 0;     ///< room for estimating it, per beacon; 0: it is added to R
   double forget_after_s = 900.0;  ///< a beacon's along-track state leaves when it was not heard for so long
 
-  int jump_after = 3;         ///< refused bursts that agree on another theta (or alpha) and so reopen it; 0: never
+  /// Refused bursts that agree on another theta (or alpha) and so reopen it, as do accepted ones that lean to one side;
+  /// 0: never.
+  int jump_after = 3;
   int smoother_capacity = 0;  ///< updates kept for `smooth`; 0: none
 
   /// Throws std::invalid_argument naming the option that breaks its rule.
@@ -146,6 +149,18 @@ class CooperativeTracker {
     int beacon = -1;
     bool two_beacons = false;
   };
+  struct Taken {  // an accepted burst: what remained of it, in metres and in sigmas
+    Eigen::Vector2d innovation = Eigen::Vector2d::Zero();
+    Eigen::Vector2d sigmas = Eigen::Vector2d::Zero();
+    int beacon = -1;
+  };
+  struct Opening {  // what a jump of a clock asks for
+    PairUse use = PairUse::kGated;
+    double theta_m = 0.0, alpha_mps = 0.0;     // the means move by
+    double theta_m2 = 0.0, alpha_m2ps2 = 0.0;  // the variances grow by
+  };
+  using Step = StepRecord<PositionVelocityClock<EcefFrame, 3>>;
+  static constexpr std::size_t kWindow = 20;  // accepted bursts looked at together
 
   [[nodiscard]] PairUse check(const PairMeasurement& m, PairObservation& observed) const noexcept;
   [[nodiscard]] double orbit_sigma_m(const PairBeacon& beacon, double t_s) const noexcept;
@@ -153,8 +168,13 @@ class CooperativeTracker {
   void constrain() noexcept;
   void hold_to(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double sigma_m) noexcept;
   void note_orbit_error(const PairMeasurement& m, const PairModel<>& model, PairObservation& observed) noexcept;
-  PairUse look_for_jump(const PairMeasurement& m, const PairReport& report) noexcept;
-  void record() noexcept;
+  Opening look_for_jump(const PairMeasurement& m, const PairReport& report) noexcept;
+  void look_for_lean(int beacon, const PairReport& report) noexcept;
+  bool open_clock(const Opening& opening) noexcept;
+  PairUse open_waiting() noexcept;
+  void open_step() noexcept;
+  void close_step() noexcept;
+  void record(bool spare = false) noexcept;
 
   std::vector<PairBeacon> beacons_;
   CooperativeOptions options_;
@@ -167,10 +187,14 @@ class CooperativeTracker {
   std::array<long, kPairUses> counts_{};
   std::vector<double> heard_t_s_;  // of each beacon
   Suspect suspect_;
+  Opening waiting_;  // with the next prediction
+  std::array<Taken, kWindow> window_{};
+  std::size_t taken_ = 0;  // since the clock was last reopened
   std::unique_ptr<RtsSmoother<PositionVelocityClock<EcefFrame, 3>>> smoother_;
-  StepRecord<PositionVelocityClock<EcefFrame, 3>> step_;
+  Step step_;
   std::vector<double> record_t_s_;
   bool smoother_full_ = false;
+  int spare_used_ = 0;
 };
 
 }  // namespace soopnav::navigation
