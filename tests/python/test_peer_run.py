@@ -517,7 +517,7 @@ def exchange(anchor: Anchor, target: Target) -> list[tuple[messages.Propose, mes
         asked = [*(target.step(0.0) or []), *(reply for message in said for reply in target.handle(message, 0.0))]
         found = [(p, reply) for p in asked if isinstance(p, messages.Propose) for reply in anchor.handle(p, 0.0)]
         for one, other in ((anchor, target), (target, anchor)):
-            one.handle(other.heartbeat(), 0.0)
+            one.handle(replace(other.heartbeat(), proposals=0), 0.0)  # answers are still to come
     return found
 
 
@@ -542,9 +542,11 @@ def test_a_burst_is_settled_whatever_comes_of_it(world, monkeypatch: pytest.Monk
     (_, reply), *_ = exchange(anchor, target)
     monkeypatch.setattr(target.track, "add", full)
     settled = len(target._settled)
-    with pytest.raises(OSError, match="no space"):
-        target.handle(reply, 0.0)
+    target.handle(reply, 0.0)
     assert len(target._settled) == settled + 1
+    with pytest.raises(OSError, match="no space"):
+        target.detach()
+    assert not target._measured
 
 
 # ---- the command

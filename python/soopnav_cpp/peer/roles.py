@@ -506,7 +506,6 @@ class Target(_End):
                 self.counts["answer to nothing"] += 1
             else:
                 self.counts["exchanged"] += 1
-                self._settle(asked.theirs)  # first: whatever comes of it, it is not used again
                 self._measure(message, asked)
         else:
             self.counts["unexpected message"] += 1
