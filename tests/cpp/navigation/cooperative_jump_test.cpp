@@ -211,6 +211,41 @@ TEST(ClockJump, AbsurdBurstsPoisonNothing) {
   EXPECT_EQ(tracker.estimate().covariance, before.covariance);
 }
 
+// An engine whose every update finds its own covariance unsound.
+class Unsound final : public CooperativeFilter {
+ public:
+  void restart(double, const PairVector& mean, const PairSquare& P) override {
+    mean_ = mean;
+    P_ = P;
+  }
+  UpdateStatus predict(double, PairSquare*) noexcept override { return UpdateStatus::kAccepted; }
+  UpdateReport<2> update(const PairModel<>&, int, const PairObservation&, const Gate&) noexcept override {
+    UpdateReport<2> report;
+    report.status = UpdateStatus::kNotPositiveDefinite;
+    return report;
+  }
+  UpdateReport<1> update(const PlaneDistance<>&, double, double) noexcept override { return {}; }
+  UpdateStatus reopen_clock(double, double) noexcept override { return UpdateStatus::kAccepted; }
+  [[nodiscard]] PairVector mean() const noexcept override { return mean_; }
+  [[nodiscard]] PairSquare covariance() const noexcept override { return P_; }
+  void save() noexcept override {}
+  void load() noexcept override {}
+
+ private:
+  PairVector mean_;
+  PairSquare P_;
+};
+
+TEST(ClockJump, AnUnsoundStateIsNotTheBurstsFault) {
+  const World world(5, {.duration_s = 20.0});
+  CooperativeTracker tracker(world.beacons, world.options(), std::make_unique<Unsound>());
+  world.start_near(tracker, 0, 100.0, 200.0);
+  PairMeasurement m = world.bursts[1];
+  EXPECT_EQ(tracker.update(m).use, PairUse::kBadState);
+  m.covariance(0, 1) = 0.5 * std::sqrt(m.covariance(0, 0) * m.covariance(1, 1));  // not symmetric
+  EXPECT_EQ(tracker.update(m).use, PairUse::kBadCovariance);
+}
+
 struct Steps {
   double nees = 0.0;
   int found = 0, runs = 0;
@@ -222,7 +257,7 @@ Steps small_steps(double jump_s, double jump_drift) {
     o.duration_s = 300.0;
     o.jump_s = jump_s;
     o.jump_drift = jump_drift;
-    o.jump_at_s = 150.0;
+    o.jump_at_s = 200.0;
     const World world(seed, o);
     CooperativeTracker tracker(world.beacons, world.options());
     run(tracker, world);
