@@ -231,6 +231,8 @@ void register_cooperative_group(py::module_& m) {
       .value("OUTSIDE_ORBIT", GroupStatus::kOutsideOrbit)
       .value("REFUSED", GroupStatus::kRefused)
       .value("TIME_NOT_ADVANCING", GroupStatus::kTimeNotAdvancing)
+      .value("CLOCK_JUMP", GroupStatus::kClockJump)
+      .value("BELOW_HORIZON", GroupStatus::kBelowHorizon)
       .finalize();
   m.def(
       "pair_noise_shares",

@@ -8,8 +8,10 @@
 #include <string_view>
 #include <utility>
 
+#include "navigation/cooperative_sight.hpp"
 #include "soopnav/clock/two_state.hpp"
 #include "soopnav/core/joint_process.hpp"
+#include "soopnav/estimation/chi_square.hpp"
 #include "soopnav/estimation/layout_kalman_filter.hpp"
 #include "soopnav/estimation/state.hpp"
 #include "soopnav/navigation/cooperative_motion.hpp"
@@ -36,10 +38,27 @@ struct FreshNoise {
   }
 };
 
+constexpr double kAgreeSigmas = 5.0;   // refused rows that agree with each other do so within this
+constexpr double kReopenSigmas = 3.0;  // of the innovation, that a theta which jumped is left open by
+
+// Refused rows of a target against the anchor that agree on another theta, and what they say.
+struct JumpSuspect {
+  int run = 0;
+  double innovation_m = 0.0;
+  double variance_m2 = 0.0;
+  double since_s = 0.0;
+};
+
 struct Target {
   std::int64_t name = -1;
   Block<kPairDim> state{};  // p, v, theta, alpha
+  JumpSuspect suspect{};
+  double accepted_s = -std::numeric_limits<double>::infinity();
 };
+
+inline bool agree(double a, double a_variance, double b, double b_variance) noexcept {
+  return (a - b) * (a - b) <= kAgreeSigmas * kAgreeSigmas * (a_variance + b_variance);
+}
 
 using Roles = PositionVelocityClock<EcefFrame, 3>;
 static_assert(Roles::kDim == kPairDim && Roles::at(kVelocity) == 3 && Roles::at(kClockBias) == 6);
@@ -106,6 +125,22 @@ struct GroupProcess {
           -std::sqrt(anchor.white_frequency_m2ps * dt_s + anchor.frequency_walk_m2ps3 * dt_s * dt_s * dt_s / 12.0);
       from_shared(Roles::at(kClockDrift), 0) = -to_drift;
     }
+    return true;
+  }
+};
+
+// Shifts a target's theta, and opens it by `sigma_m` of a shared normal: one jump of the anchor's clock is in all
+// thetas.
+struct ThetaJump {
+  static constexpr int kNoise = 1;
+  Block<kPairDim> block;
+  double shift_m;
+  double sigma_m;
+
+  template <class X, class W, class Y>
+  [[nodiscard]] bool propagate(const X& /*x*/, double /*dt_s*/, const W& /*w*/, Y& y) const {
+    y.next(block)[Roles::at(kClockBias)] += shift_m;
+    y.transition(block, kShared)(Roles::at(kClockBias), 0) = sigma_m;
     return true;
   }
 };
@@ -180,6 +215,8 @@ inline const GroupOptions& checked_group(const GroupOptions& o, double start_s) 
   require_group(o.gate_probability >= 0.0 && o.gate_probability < 1.0, "gate_probability", o.gate_probability,
                 "it must lie in [0, 1)");
   require_group(o.max_targets >= 1 && o.max_targets <= 64, "max_targets", o.max_targets, "it must lie in 1 ... 64");
+  require_group(o.jump_after >= 0, "jump_after", o.jump_after, "it must be 0 or more");
+  require_group(std::abs(o.mask_rad) < kPi / 2, "mask_rad", o.mask_rad, "it must lie between -pi/2 and pi/2");
   require_group(std::isfinite(start_s), "start_s", start_s, "it must be finite");
   return o;
 }
@@ -228,6 +265,8 @@ struct CooperativeGroup::Inside {
   std::vector<Block<2>> noises;     // of their recordings, during a burst
   std::int64_t next_name = 0;
   Gate gate{};
+  double single_gate = std::numeric_limits<double>::infinity();  // of the FDOA alone
+  GroupJumps jumps{};
 
   Inside(std::vector<geometry::SampledOrbit> orbits, double start_s, const GroupOptions& o)
       : beacons(std::move(orbits)),
@@ -235,11 +274,15 @@ struct CooperativeGroup::Inside {
         filter(GroupFilter::Fixed{}, Eigen::Matrix2d::Identity(), 2 + (kPairDim + 2) * o.max_targets,
                2 * o.max_targets),
         time_s(start_s) {
+    if (beacons.empty()) throw std::invalid_argument("beacons: at least one expected");
     const auto room = static_cast<std::size_t>(o.max_targets);
     targets.reserve(room);
     names.reserve(room);
     noises.resize(room);
-    if (o.gate_probability > 0.0) gate = Gate::probability(o.gate_probability, 2);
+    if (o.gate_probability > 0.0) {
+      gate = Gate::probability(o.gate_probability, 2);
+      single_gate = chi_square_upper_quantile(o.gate_probability, 1);
+    }
   }
 
   [[nodiscard]] std::size_t index(std::int64_t name) const noexcept {
@@ -262,6 +305,69 @@ struct CooperativeGroup::Inside {
     }
     time_s = t_s;
     return sound;
+  }
+
+  // Whether a satellite is above the mask at the anchor and may be at the target, 3 sigmas of which are allowed for.
+  [[nodiscard]] bool in_sight(const GroupBurst& burst, const Target& one) const noexcept {
+    geometry::SignalPath path;
+    const geometry::SampledOrbit& orbit = beacons[static_cast<std::size_t>(burst.beacon)];
+    if (!geometry::signal_path(orbit, burst.t_s, burst.anchor_p_e, burst.anchor_v_e, path)) return true;  // told later
+    if (!has_horizon(path.source_p_e)) return true;
+    const int at = filter.state().layout().offset(one.state);
+    const double sigma_m = std::sqrt(filter.covariance().diagonal().segment<3>(at).sum());
+    const double least = std::sin(std::max(options.mask_rad - 3.0 * sigma_m / wgs84::kSemiMajorAxisM, -kPi / 2));
+    return sine_of_elevation(burst.anchor_p_e, path.source_p_e) >= std::sin(options.mask_rad) &&
+           sine_of_elevation(filter.state()(one.state).head<3>(), path.source_p_e) >= least;
+  }
+
+  // A refused row whose FDOA fits and whose TDOA goes on as those before (doc/cooperative_motion.md eq. 14).
+  void suspect(Target& one, double t_s, const UpdateReport<2>& report) const noexcept {
+    const double r = report.innovation[0];
+    const double S = report.covariance(0, 0);
+    const double rate = report.innovation[1];
+    JumpSuspect& so_far = one.suspect;
+    if (!(rate * rate <= single_gate * report.covariance(1, 1))) {
+      so_far = {};
+      return;
+    }
+    const bool goes_on = so_far.run > 0 && agree(r, S, so_far.innovation_m, so_far.variance_m2);
+    so_far = {goes_on ? so_far.run + 1 : 1, r, S, goes_on ? so_far.since_s : t_s};
+  }
+
+  // Reopens what jumped: a target's theta, or all of them where no other target contradicts and one at least agrees.
+  // The rows of the burst stay refused.
+  void reopen(std::span<const GroupRow> rows, std::span<GroupStatus> out) noexcept {
+    if (options.jump_after == 0) return;
+    for (Target& one : targets) {
+      const JumpSuspect said = one.suspect;
+      if (said.run < options.jump_after) continue;
+      bool any = false;
+      bool all = true;
+      for (const Target& other : targets) {
+        if (other.name == one.name) continue;
+        if (other.suspect.run > 0) {
+          const bool same =
+              agree(said.innovation_m, said.variance_m2, other.suspect.innovation_m, other.suspect.variance_m2);
+          any = any || same;
+          all = all && same;
+        } else if (other.accepted_s >= said.since_s) {
+          all = false;
+        }
+      }
+      const bool anchor = any && all;
+      const double sigma_m = kReopenSigmas * std::sqrt(said.variance_m2);
+      static_cast<void>(filter.predict(FreshNoise{}, 1.0));
+      for (Target& each : targets) {
+        if (!anchor && each.name != one.name) continue;
+        static_cast<void>(filter.predict(ThetaJump{each.state, said.innovation_m, sigma_m}, 1.0));
+        each.suspect = {};
+        for (std::size_t i = 0; i < out.size(); ++i) {
+          const bool its = rows[i].target == each.name && rows[i].reference < 0;
+          if (its && out[i] == GroupStatus::kGated) out[i] = GroupStatus::kClockJump;
+        }
+      }
+      ++(anchor ? jumps.anchor : jumps.targets);
+    }
   }
 
   // The state of a recording's noise in this burst: made when it is first asked for.
@@ -288,6 +394,9 @@ struct CooperativeGroup::Inside {
     }
     Eigen::Matrix2d root;
     if (!lower_root(observed.R, root)) return GroupStatus::kRefused;
+    if (!in_sight(burst, targets[target]) || (!against_anchor && !in_sight(burst, targets[reference]))) {
+      return GroupStatus::kBelowHorizon;
+    }
     GroupModel model;
     model.beacon = &beacons[static_cast<std::size_t>(burst.beacon)];
     model.t_s = burst.t_s;
@@ -312,10 +421,16 @@ struct CooperativeGroup::Inside {
     }
     // A recording without noise leaves nothing for R but rounding.
     const Eigen::Matrix2d R = std::max(left, 1e-9) * observed.R;
-    switch (filter.update(model, observed.z, R, gate).status) {
+    const auto report = filter.update(model, observed.z, R, gate);
+    switch (report.status) {
       case UpdateStatus::kAccepted:
+        if (against_anchor) {
+          targets[target].suspect = {};
+          targets[target].accepted_s = burst.t_s;
+        }
         return GroupStatus::kAccepted;
       case UpdateStatus::kGated:
+        if (against_anchor) suspect(targets[target], burst.t_s, report);
         return GroupStatus::kGated;
       case UpdateStatus::kUndefined:
         return GroupStatus::kOutsideOrbit;
@@ -339,7 +454,7 @@ std::int64_t CooperativeGroup::join(const PairVector& mean, const PairSquare& co
   if (static_cast<int>(me.targets.size()) == me.options.max_targets) return -1;
   const auto block = me.filter.join<kPairDim>(mean, covariance, "target");
   if (!me.filter.state().layout().holds(block)) return -1;
-  me.targets.push_back({me.next_name, block});
+  me.targets.push_back({.name = me.next_name, .state = block});
   me.names.push_back(me.next_name);
   return me.next_name++;
 }
@@ -382,11 +497,13 @@ bool CooperativeGroup::update(const GroupBurst& burst, std::span<const GroupRow>
     me.filter.marginalise(block);
     block = {};
   }
+  me.reopen(rows.first(n), out.first(n));
   return true;
 }
 
 double CooperativeGroup::time_s() const noexcept { return inside_->time_s; }
 std::size_t CooperativeGroup::beacons() const noexcept { return inside_->beacons.size(); }
+GroupJumps CooperativeGroup::jumps() const noexcept { return inside_->jumps; }
 std::span<const std::int64_t> CooperativeGroup::targets() const noexcept { return inside_->names; }
 
 Eigen::VectorXd CooperativeGroup::mean() const {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -93,6 +95,40 @@ inline navigation::PairVector start_sigma() {
   navigation::PairVector s;
   s << Eigen::Vector3d::Constant(20.0), Eigen::Vector3d::Constant(0.5), 100.0, 1.0;
   return s;
+}
+
+inline const PairWorld& world() {
+  static const PairWorld one;
+  return one;
+}
+inline navigation::PairSquare start_covariance() { return start_sigma().cwiseAbs2().asDiagonal(); }
+
+struct Drawn {
+  double t_s;
+  std::size_t beacon;
+  navigation::PairVector truth;
+  Eigen::Vector2d z;
+};
+
+// Bursts once a second while the car drives, with the clocks' and the measurements' noise.
+inline std::vector<Drawn> drive(RandomStream random, double until_s) {
+  std::vector<Drawn> out;
+  clock::ClockSimulator clock(world().clock_noise + world().clock_noise, random.substream(0), {3e4, 40.0});
+  const Eigen::Matrix2d L = world().R.cwiseSqrt();
+  double t = 0.0;
+  for (int k = 1; k <= static_cast<int>(until_s); ++k) {
+    const double next = k - 0.3 * random.uniform();
+    EXPECT_TRUE(clock.advance(next - t));
+    t = next;
+    const auto beacon = static_cast<std::size_t>(4.0 * random.uniform());
+    const navigation::PairVector x = world().truth(t, clock.state());
+    out.push_back({t, beacon, x, world().measured(beacon, t, x) + L * normals(random, 2)});
+  }
+  return out;
+}
+inline navigation::PairVector wrong_start(RandomStream& random) {
+  return world().truth(0.0, {3e4, 40.0}) +
+         start_sigma().cwiseProduct(navigation::PairVector(normals(random, navigation::kPairDim)));
 }
 
 }  // namespace soopnav::test

@@ -43,6 +43,8 @@ struct GroupOptions {
   int max_targets = 8;                ///< 1 ... 64
   bool shared_anchor_noise = true;    ///< false: rows are taken for independent ones, which they are not
   bool shared_anchor_clock = true;    ///< false: clocks are taken to wander apart, which they do not
+  int jump_after = 3;     ///< refused rows of a target that agree on another theta and so reopen it; 0: never
+  double mask_rad = 0.0;  ///< least elevation at anchor and target; transmitters below 200 km have no horizon
 };
 
 /// One measurement of a burst: of a target against the anchor, or against another target.
@@ -75,6 +77,14 @@ enum class GroupStatus : std::uint8_t {
   kOutsideOrbit,      ///< the beacon is not known at that time
   kRefused,           ///< the covariance is not positive definite, or the update would have made the state unsound
   kTimeNotAdvancing,  ///< the burst is older than the state
+  kClockJump,     ///< refused, but with those before it agrees on another theta, which was reopened: the next may fit
+  kBelowHorizon,  ///< the satellite cannot be seen by anchor and target
+};
+
+/// How often clocks were found to have jumped.
+struct GroupJumps {
+  long targets = 0;  ///< of a target alone
+  long anchor = 0;   ///< of the anchor: all thetas at once
 };
 
 /// Several targets, one anchor: positions, velocities and clocks of all of them together.
@@ -85,12 +95,18 @@ enum class GroupStatus : std::uint8_t {
 /// Noise:   the recording of the anchor is in every row of a burst and that of a target in all of its own: each
 ///          recording's share is a state that lives for one burst, so rows are taken in one after the other and are
 ///          still correlated as they should be. The anchor's clock wanders for all targets alike; likewise.
+/// Jumps:   `jump_after` refused rows of a target against the anchor, one after the other, whose TDOAs agree while
+/// their
+///          FDOAs fit, shift its theta and reopen it by 3 sigmas of the innovation; where no other target contradicts
+///          and one agrees it is the anchor's clock, and all thetas are shifted and reopened together (eq. 14). A jump
+///          of frequency is not looked for.
+/// Not here: a known height, roads, the age of elements and along-track states, which `CooperativeTracker` has.
 /// Sequence: targets join and leave at any time; what a leaving one taught the others stays.
 /// Nothing throws or allocates behind the constructor but accessors that return matrices. Time of an update: that of an
 /// extended filter of 8 states for each target, 3 us a row for three of them.
 class CooperativeGroup {
  public:
-  /// `beacons` are copied. Throws std::invalid_argument for options out of range, naming value and rule.
+  /// `beacons` are copied. Throws std::invalid_argument for no beacons and options out of range, naming value and rule.
   CooperativeGroup(std::vector<geometry::SampledOrbit> beacons, double start_s, const GroupOptions& options);
   CooperativeGroup(CooperativeGroup&&) noexcept;
   CooperativeGroup& operator=(CooperativeGroup&&) noexcept;
@@ -109,6 +125,7 @@ class CooperativeGroup {
 
   [[nodiscard]] double time_s() const noexcept;
   [[nodiscard]] std::size_t beacons() const noexcept;
+  [[nodiscard]] GroupJumps jumps() const noexcept;
   /// Names of the targets here, in the order of joining.
   [[nodiscard]] std::span<const std::int64_t> targets() const noexcept;
   /// Of the targets in the order of `targets`, eight each.
