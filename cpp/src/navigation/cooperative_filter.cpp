@@ -1,6 +1,9 @@
 #include "soopnav/navigation/cooperative_filter.hpp"
 
+#include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -32,6 +35,26 @@ struct ClockShift {
     return true;
   }
 };
+// A number's regression on all that was there before it: what it shares with them.
+struct Regression {
+  static constexpr int kNoise = 1;  // none
+  Block<1> block;
+  std::span<const Block<1>> before;
+  const Eigen::VectorXd& factors;  // of p, v, theta, alpha and of `before`
+
+  template <class X, class W, class Y>
+  [[nodiscard]] bool propagate(const X& /*x*/, double /*dt_s*/, const W& /*w*/, Y& y) const {
+    y.transition(block, kPosition) = factors.head<3>().transpose();
+    y.transition(block, kVelocity) = factors.segment<3>(3).transpose();
+    y.transition(block, kClockBias)(0, 0) = factors[6];
+    y.transition(block, kClockDrift)(0, 0) = factors[7];
+    for (std::size_t k = 0; k < before.size(); ++k) {
+      y.transition(block, before[k])(0, 0) = factors[kPairDim + static_cast<Eigen::Index>(k)];
+    }
+    return true;
+  }
+};
+constexpr std::size_t kMostJoint = detail::kMaxTouched - kPairDim;
 
 PairState pair_state(const PairVector& mean) {
   PairState state;
@@ -116,8 +139,11 @@ class JosephFilter final : public LinearisedFilter {
     return report;
   }
 
-  UpdateReport<2> update(const LinearPair<>& rows, const PairObservation& o, const Gate& gate) noexcept override {
-    return now_.filter.update(rows, o.z, o.R, gate);
+  UpdateReport<2> update(const LinearPair<>& rows, int number, const PairObservation& o,
+                         const Gate& gate) noexcept override {
+    const Ahead* ahead = find(number);
+    if (ahead == nullptr) return now_.filter.update(rows, o.z, o.R, gate);
+    return now_.filter.update(LinearPair<Block<1>>{rows.rows, rows.at, ahead->block, rows.ahead_m}, o.z, o.R, gate);
   }
   UpdateReport<1> update(const PlaneDistance<>& model, double distance_m, double variance_m2) noexcept override {
     return now_.filter.update(model, distance_m, variance_m2);
@@ -144,6 +170,34 @@ class JosephFilter final : public LinearisedFilter {
     now_.ahead.push_back({number, block});
     return true;
   }
+  bool join_along_track(std::span<const int> numbers, const Eigen::VectorXd& mean_m,
+                        const Eigen::MatrixXd& joint) noexcept override {
+    const auto n = static_cast<Eigen::Index>(numbers.size());
+    if (!now_.ahead.empty() || static_cast<int>(n) > room_ || numbers.size() > kMostJoint || mean_m.size() < n ||
+        joint.rows() < kPairDim + n || joint.cols() < kPairDim + n) {
+      return false;
+    }
+    std::vector<Block<1>> before;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Eigen::Index k = kPairDim + i;
+      const Eigen::VectorXd scale = joint.diagonal().head(k).cwiseSqrt();
+      const Eigen::MatrixXd alike =
+          scale.cwiseInverse().asDiagonal() * joint.topLeftCorner(k, k) * scale.cwiseInverse().asDiagonal();
+      const Eigen::VectorXd across = joint.col(k).head(k);
+      const Eigen::VectorXd scaled = alike.ldlt().solve(across.cwiseQuotient(scale));
+      const Eigen::VectorXd factors = scaled.cwiseQuotient(scale);
+      const double left = std::max(joint(k, k) - factors.dot(across), 1e-9 * joint(k, k));
+      const Block<1> block = now_.filter.join(mean_m[i], left, "along-track error");
+      const bool held = now_.filter.state().layout().holds(block);
+      if (held) now_.ahead.push_back({numbers[static_cast<std::size_t>(i)], block});
+      if (!held || now_.filter.predict(Regression{block, before, factors}, 1.0) != UpdateStatus::kAccepted) {
+        while (!now_.ahead.empty()) leave_along_track(now_.ahead.back().number);
+        return false;
+      }
+      before.push_back(block);
+    }
+    return true;
+  }
   void leave_along_track(int number) noexcept override {
     for (std::size_t i = 0; i < now_.ahead.size(); ++i) {
       if (now_.ahead[i].number != number) continue;
@@ -160,6 +214,8 @@ class JosephFilter final : public LinearisedFilter {
     sigma_m = std::sqrt(now_.filter.covariance()(at, at));
     return true;
   }
+  [[nodiscard]] Eigen::VectorXd whole_mean() const override { return now_.filter.state().x(); }
+  [[nodiscard]] Eigen::MatrixXd whole_covariance() const override { return now_.filter.covariance(); }
   [[nodiscard]] bool smoothable() const noexcept override { return room_ == 0; }
 
   void save() noexcept override { kept_ = now_; }

@@ -73,8 +73,12 @@ struct LinearPair {
 class LinearisedFilter : public CooperativeFilter {
  public:
   using CooperativeFilter::update;
-  virtual UpdateReport<2> update(const LinearPair<>& rows, const PairObservation& observed,
+  /// Of beacon `number`, whose along-track error is in them where it has joined.
+  virtual UpdateReport<2> update(const LinearPair<>& rows, int number, const PairObservation& observed,
                                  const Gate& gate) noexcept = 0;
+  /// Mean and covariance of all that is estimated, the along-track errors in the order of joining.
+  [[nodiscard]] virtual Eigen::VectorXd whole_mean() const = 0;
+  [[nodiscard]] virtual Eigen::MatrixXd whole_covariance() const = 0;
 };
 [[nodiscard]] std::unique_ptr<LinearisedFilter> linearised_filter(const PairFilterOptions& options);
 

@@ -26,6 +26,7 @@ constexpr double kFreeSigmaM = 1e7;     // of a position that nothing is known o
 constexpr double kPinnedSigmaM = 1e-3;  // of one that is given
 constexpr double kOutlierProbability = 1e-6;
 constexpr int kMostIterations = 40;
+constexpr std::size_t kMostAlongTrack = 64;
 constexpr double kSameSigmas = 3.0;  // solutions nearer to each other are one
 
 // A burst that is used.
@@ -52,10 +53,7 @@ class Batch {
  public:
   Batch(std::span<const geometry::SampledOrbit> beacons, std::span<const PairMeasurement> measurements,
         const PairStartOptions& options)
-      : o_(options),
-        filter_(linearised_filter(
-            {.clock_noise = options.clock_noise, .acceleration_psd_m2ps3 = options.acceleration_psd_m2ps3})),
-        gate_(chi_square_upper_quantile(kOutlierProbability, 2)) {
+      : o_(options), gate_(chi_square_upper_quantile(kOutlierProbability, 2)) {
     double last = -std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < measurements.size(); ++i) {
       const PairMeasurement& m = measurements[i];
@@ -73,10 +71,21 @@ class Batch {
       last = m.t_s;
       bursts_.push_back(b);
     }
+    // One state for each satellite, last heard first.
+    bursts_of_.assign(beacons.size(), 0);
+    for (auto b = bursts_.rbegin(); b != bursts_.rend(); ++b) {
+      int& count = bursts_of_[static_cast<std::size_t>(b->m->beacon)];
+      if (sigma_of(*b) > 0.0 && count == 0 && ahead_.size() < kMostAlongTrack) ahead_.push_back(b->m->beacon);
+      ++count;
+    }
+    filter_ = linearised_filter({.clock_noise = options.clock_noise,
+                                 .acceleration_psd_m2ps3 = options.acceleration_psd_m2ps3,
+                                 .max_along_track = static_cast<int>(ahead_.size())});
   }
 
   [[nodiscard]] const std::vector<Burst>& bursts() const noexcept { return bursts_; }
   [[nodiscard]] std::vector<Burst>& bursts() noexcept { return bursts_; }
+  [[nodiscard]] const std::vector<int>& along_track() const noexcept { return ahead_; }
 
   // Misfit of a cell's middle, whose theta and alpha are fitted: errors of a cell's size are expected. False where the
   // beacons are not seen.
@@ -119,6 +128,8 @@ class Batch {
     double chi_square = 0.0;
     int rows = 0;
     std::vector<double> nis;  // of each burst
+    Eigen::VectorXd whole;    // mean and covariance with the along-track errors
+    Eigen::MatrixXd whole_P;
   };
   [[nodiscard]] bool pass(const Vector3d& p, const Vector3d& v, double p_sigma_m, Pass& out) const {
     const double first_s = bursts_.front().m->t_s;
@@ -141,6 +152,9 @@ class Batch {
     x0 << p, Vector3d::Zero(), theta, alpha;
     sigma << Vector3d::Constant(p_sigma_m), Vector3d::Constant(o_.velocity_sigma_mps), kThetaSigmaM, o_.alpha_sigma_mps;
     filter_->restart(first_s, x0, PairSquare(sigma.cwiseAbs2().asDiagonal()));
+    for (const int number : ahead_) {
+      if (!filter_->join_along_track(number, o_.orbit_sigma_m[static_cast<std::size_t>(number)])) return false;
+    }
     if (std::isfinite(o_.height_sigma_m)) {
       Vector3d on, normal;
       if (!to_height(p, o_.height_m, on, normal)) return false;
@@ -162,12 +176,15 @@ class Batch {
       at << p + (now - first_s) * v, v, filter_->mean().tail<2>();
       if (!rows.linearise(b.model, at, 0.0)) return false;
       Eigen::Matrix2d R = b.observed.R;
-      if (!o_.orbit_sigma_m.empty()) {
-        const double deviation = o_.orbit_sigma_m[static_cast<std::size_t>(b.m->beacon)];
-        R += deviation * deviation * rows.rows.along_track * rows.rows.along_track.transpose();
+      const double deviation = sigma_of(b);
+      double known = 0.0, left = 0.0;
+      if (deviation > 0.0 && !filter_->along_track(b.m->beacon, known, left)) {
+        // One error in n bursts, taken for n of their own: n times the variance leaves no more said of it.
+        const double variance = bursts_of_[static_cast<std::size_t>(b.m->beacon)] * deviation * deviation;
+        R += variance * rows.rows.along_track * rows.rows.along_track.transpose();
       }
       // Left out: what it would have said is asked all the same, by a gate that nothing passes.
-      const auto report = filter_->update(rows, {b.observed.z, R}, b.used ? Gate{} : Gate{.nis = -1.0});
+      const auto report = filter_->update(rows, b.m->beacon, {b.observed.z, R}, b.used ? Gate{} : Gate{.nis = -1.0});
       out.nis[i] = report.nis;
       if (!b.used) continue;
       if (!report.accepted()) return false;
@@ -176,6 +193,8 @@ class Batch {
     }
     out.mean = filter_->mean();
     out.P = filter_->covariance();
+    out.whole = filter_->whole_mean();
+    out.whole_P = filter_->whole_covariance();
     return out.mean.allFinite() && std::isfinite(out.chi_square);
   }
 
@@ -218,10 +237,17 @@ class Batch {
   [[nodiscard]] double gate() const noexcept { return gate_; }
 
  private:
+  [[nodiscard]] double sigma_of(const Burst& b) const noexcept {
+    if (o_.orbit_sigma_m.empty() || b.model.beacon->is_fixed()) return 0.0;
+    return o_.orbit_sigma_m[static_cast<std::size_t>(b.m->beacon)];
+  }
+
   PairStartOptions o_;
   std::unique_ptr<LinearisedFilter> filter_;
   double gate_;
   std::vector<Burst> bursts_;
+  std::vector<int> ahead_;      // beacons whose along-track error is a state, last heard first
+  std::vector<int> bursts_of_;  // of each beacon
 };
 
 struct Cell {
@@ -405,6 +431,9 @@ PairStart start_pair(std::span<const geometry::SampledOrbit> beacons, std::span<
   const auto solution = [](const Batch::Pass& pass) { return PairSolution{pass.mean, pass.P, pass.chi_square}; };
   const Batch::Pass& best = found[0].pass;
   result.best = solution(best);
+  result.along_track = batch.along_track();
+  result.along_track_m = best.whole.tail(static_cast<Eigen::Index>(result.along_track.size()));
+  result.joint_covariance = best.whole_P;
   result.iterations = found[0].iterations;
   result.degrees_of_freedom = best.rows - kDirections;
   for (const Burst& b : batch.bursts()) result.used[b.index] = b.used ? 1 : 0;

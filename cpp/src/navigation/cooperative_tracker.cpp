@@ -25,10 +25,13 @@ constexpr double kReopened = 100.0;    // times S: what a jump leaves of a varia
 constexpr double kLeanSquared = 28.4;  // chi-square of one degree at 1e-7: accepted bursts lean to one side
 constexpr double kLeanShared = 2.0;    // sigmas that each of two beacons must lean for it to be the frequency
 constexpr std::size_t kShortWindow = 5;
-constexpr double kMostTdoaS = 1e6;      // eleven days: theta still resolves 0.06 m
-constexpr double kMostSkew = 1e-3;      // of a clock
-constexpr int kSpareSteps = 8;          // of the smoother, for jumps
-constexpr double kOffRoadSigmas = 5.0;  // farther from its road a target is taken to have left it
+constexpr double kMostTdoaS = 1e6;            // eleven days: theta still resolves 0.06 m
+constexpr double kMostSkew = 1e-3;            // of a clock
+constexpr int kSpareSteps = 8;                // of the smoother, for jumps
+constexpr double kOffRoadSigmas = 5.0;        // farther from its road a target is taken to have left it
+constexpr double kOrbitSpread = 10.0;         // bursts of a satellite over which its orbit's error is spread first
+constexpr double kBatchShare = 2.0;           // 1/2 of what an orbit's error says to the batch, 1/2 to later bursts
+constexpr std::size_t kMostBatchOrbits = 24;  // of the batch, whose errors go on
 
 std::unique_ptr<CooperativeFilter> engine_of(const CooperativeOptions& options) {
   options.check();
@@ -157,6 +160,7 @@ CooperativeTracker::CooperativeTracker(std::vector<PairBeacon> beacons, const Co
     single_gate_ = std::numeric_limits<double>::infinity();
   }
   heard_t_s_.assign(beacons_.size(), -std::numeric_limits<double>::infinity());
+  orbit_uses_.assign(beacons_.size(), 0);
   if (options_.smoother_capacity > 0) {
     smoother_ =
         std::make_unique<RtsSmoother<PositionVelocityClock<EcefFrame, 3>>>(options_.smoother_capacity + kSpareSteps);
@@ -175,6 +179,9 @@ void CooperativeTracker::start_at(double t_s, const PairVector& mean, const Pair
   suspect_ = {};
   waiting_ = {};
   taken_ = 0;
+  from_batch_ = false;
+  batch_beacons_.clear();
+  std::fill(orbit_uses_.begin(), orbit_uses_.end(), 0);
   std::fill(heard_t_s_.begin(), heard_t_s_.end(), -std::numeric_limits<double>::infinity());
   if (smoother_ != nullptr) {
     smoother_->clear();
@@ -203,12 +210,26 @@ PairStart CooperativeTracker::start(std::span<const PairMeasurement> measurement
   const double t_s = measurements.empty() ? 0.0 : measurements.front().t_s;
   for (const PairBeacon& beacon : beacons_) {
     orbits.push_back(beacon.orbit);
-    if (options_.orbit_sigma_m > 0.0) search.orbit_sigma_m.push_back(orbit_sigma_m(beacon, t_s));
+    // What the batch learns of an orbit is lost to noise: half of its information then, half to the bursts to come.
+    const double share = options_.along_track_states > 0 ? 1.0 : std::sqrt(kBatchShare);
+    if (options_.orbit_sigma_m > 0.0) search.orbit_sigma_m.push_back(share * orbit_sigma_m(beacon, t_s));
   }
   PairStart found = start_pair(orbits, measurements, search);
-  if (found.best.mean.allFinite() && found.status != PairStartStatus::kVague) {
-    start_at(found.t_s, found.best.mean, found.best.covariance);
+  if (found.status != PairStartStatus::kFound && found.status != PairStartStatus::kAmbiguous) return found;
+  start_at(found.t_s, found.best.mean, found.best.covariance);
+  from_batch_ = true;
+  batch_t_s_ = found.t_s;
+  for (std::size_t i = 0; i < measurements.size(); ++i) {
+    if (found.used[i] == 0) continue;
+    const auto number = static_cast<std::size_t>(measurements[i].beacon);
+    heard_t_s_[number] = measurements[i].t_s;
+    if (measurements[i].t_s == found.t_s) batch_beacons_.push_back(measurements[i].beacon);
   }
+  // The errors of orbits go on as the batch left them, those heard last where there is no room for all.
+  const std::size_t room =
+      std::min({found.along_track.size(), static_cast<std::size_t>(options_.along_track_states), kMostBatchOrbits});
+  static_cast<void>(
+      engine_->join_along_track(std::span(found.along_track).first(room), found.along_track_m, found.joint_covariance));
   return found;
 }
 
@@ -223,6 +244,11 @@ PairUse CooperativeTracker::check(const PairMeasurement& m, PairObservation& obs
   if (std::abs(m.tdoa_s) > kMostTdoaS || std::abs(m.fdoa_hz) > kMostSkew * m.carrier_hz) return PairUse::kNotFinite;
   if (m.beacon < 0 || m.beacon >= static_cast<int>(beacons_.size())) return PairUse::kUnknownBeacon;
   if (m.t_s < t_s_) return PairUse::kNotAdvancing;
+  // Those that the start used up.
+  if (from_batch_ && m.t_s == batch_t_s_ &&
+      std::find(batch_beacons_.begin(), batch_beacons_.end(), m.beacon) != batch_beacons_.end()) {
+    return PairUse::kNotAdvancing;
+  }
   const geometry::SampledOrbit& orbit = beacons_[static_cast<std::size_t>(m.beacon)].orbit;
   geometry::SignalPath path;
   if (!geometry::signal_path(orbit, m.t_s, m.anchor_p_e, m.anchor_v_e, path)) return PairUse::kOutsideEphemeris;
@@ -329,8 +355,13 @@ void CooperativeTracker::note_orbit_error(const PairMeasurement& m, const PairMo
                      options_.anchor_drift_mps, 0.0, g)) {
     return;
   }
-  const double sigma_m = orbit_sigma_m(beacons_[static_cast<std::size_t>(m.beacon)], m.t_s);
-  observed.R += sigma_m * sigma_m * g.along_track * g.along_track.transpose();
+  // One error in all bursts of a satellite, taken for errors of their own: variances whose inverses sum to no more than
+  // 1 / sigma^2 leave no more said of it than one error says (doc eq. 12a).
+  const auto number = static_cast<std::size_t>(m.beacon);
+  const double k = kOrbitSpread + static_cast<double>(orbit_uses_[number]);
+  const double share = k * (k + 1.0) / kOrbitSpread * (from_batch_ ? kBatchShare : 1.0);
+  const double sigma_m = orbit_sigma_m(beacons_[number], m.t_s);
+  observed.R += share * sigma_m * sigma_m * g.along_track * g.along_track.transpose();
 }
 
 CooperativeTracker::Opening CooperativeTracker::look_for_jump(const PairMeasurement& m,
@@ -505,6 +536,7 @@ PairReport CooperativeTracker::update(const PairMeasurement& m) noexcept {
   if (report.accepted()) {
     accepted_t_s_ = m.t_s;
     heard_t_s_[static_cast<std::size_t>(m.beacon)] = m.t_s;
+    ++orbit_uses_[static_cast<std::size_t>(m.beacon)];
   }
   close_step();
   record();

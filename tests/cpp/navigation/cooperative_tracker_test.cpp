@@ -346,7 +346,7 @@ TEST(CooperativeTracker, OldElementsWidenTheAnswer) {
     sigma[k] = std::sqrt(tracker.estimate().covariance.topLeftCorner<3, 3>().trace());
     EXPECT_LT(position_error(tracker, world.truth.back()), 6.0 * sigma[k] + 50.0);
   }
-  EXPECT_GT(sigma[1], 3.0 * sigma[0]);
+  EXPECT_GT(sigma[1], 2.0 * sigma[0]);
 }
 
 TEST(CooperativeTracker, SmoothsTheWholeInterval) {

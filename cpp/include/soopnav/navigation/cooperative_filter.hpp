@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <span>
 
 #include "soopnav/clock/clock_noise.hpp"
 #include "soopnav/core/status.hpp"
@@ -48,6 +49,12 @@ class CooperativeFilter {
   /// Lets the along-track error of beacon `number` join with deviation `sigma_m`. False when this engine has no such
   /// states or no room: the tracker then adds the error to R.
   virtual bool join_along_track(int /*number*/, double /*sigma_m*/) noexcept { return false; }
+  /// Lets those of several beacons join right after `restart`, as a batch left them: `mean_m` of each, and `joint`, the
+  /// covariance of [p v theta alpha] and of them behind it, whose first part `restart` was given. False: none joined.
+  virtual bool join_along_track(std::span<const int> /*numbers*/, const Eigen::VectorXd& /*mean_m*/,
+                                const Eigen::MatrixXd& /*joint*/) noexcept {
+    return false;
+  }
   /// Lets it leave; what it taught the others stays.
   virtual void leave_along_track(int /*number*/) noexcept {}
   /// Whether it is estimated; mean and deviation [m].

@@ -44,7 +44,7 @@ struct PairStartOptions {
   double alpha_sigma_mps = 3e3;  ///< prior of alpha about what the FDOA says, > 0 (3e3: 10 ppm)
 
   double anchor_drift_mps = 0.0;        ///< c times the anchor's own skew where it is known
-  std::vector<double> orbit_sigma_m{};  ///< along-track error of each beacon, added to R; empty: orbits are exact
+  std::vector<double> orbit_sigma_m{};  ///< along-track error of each beacon, a state; empty: orbits are exact
 
   /// Throws std::invalid_argument naming the option that breaks its rule.
   void check() const;
@@ -67,6 +67,9 @@ struct PairStart {
   int cells = 0;                           ///< of the grid that see the beacons
   int iterations = 0;                      ///< linearisations of the best
   std::vector<std::uint8_t> used;          ///< of each measurement: 1 when it is in the solution
+  std::vector<int> along_track;            ///< beacons whose error along the orbit was estimated, last heard first
+  Eigen::VectorXd along_track_m;           ///< those errors at the best place
+  Eigen::MatrixXd joint_covariance;        ///< of the best's mean, and of them behind it
   [[nodiscard]] bool ok() const noexcept { return status == PairStartStatus::kFound; }
 };
 
@@ -76,6 +79,8 @@ struct PairStart {
 /// the guess, are followed by damped Gauss-Newton steps, each a Kalman filter over all bursts linearised at the trial
 /// place: clocks wander as their noise says, so nothing need be inflated, and mean and covariance at the last burst are
 /// those a filter would have that had known where to linearise. Restart the filter there: the bursts are used up.
+/// A satellite's error along its orbit is one number for the whole batch: a state, of which the place's covariance
+/// knows (of the 64 satellites heard last; of others it is noise, of a variance multiplied by their bursts).
 /// Bursts that contradict the solution (probability 1e-6) are left out, at most a fifth of them.
 ///
 /// `beacons` are the orbits that `PairMeasurement::beacon` numbers; measurements in order of time. What is not finite,

@@ -65,7 +65,7 @@ struct CooperativeOptions {
 
   double orbit_sigma_m = 0.0;     ///< 1-sigma along-track error of fresh elements; 0: orbits are exact
   double orbit_sigma_mps = 0.0;   ///< its growth with age: a kilometre or two per day, 0.02
-  int along_track_states = 0;     ///< room for estimating it, per beacon; 0: it is added to R
+  int along_track_states = 0;     ///< room for estimating it, per beacon; 0: noise, so much that it is no optimist
   double forget_after_s = 900.0;  ///< a beacon's along-track state leaves when it was not heard for so long
 
   /// Refused bursts that agree on another theta (or alpha) and so reopen it, as do accepted ones that lean to one side;
@@ -114,7 +114,8 @@ class CooperativeTracker {
   /// Starts from a known mean and positive definite covariance (std::invalid_argument otherwise) at `t_s`.
   void start_at(double t_s, const PairVector& mean, const PairSquare& P);
   /// Starts from bursts alone (`start_pair`; clocks, height, mask and motion are the tracker's) and restarts the engine
-  /// at the last of them, where there is one place to stand at: kFound, kAmbiguous or kPoorFit.
+  /// at the last of them, where a place fits: kFound, or kAmbiguous, the best of several. Else nothing changes. Bursts
+  /// of the start come back as kNotAdvancing.
   PairStart start(std::span<const PairMeasurement> measurements, PairStartOptions search = {});
 
   /// Takes a burst in. A negative step of time is refused, none is not: two beacons may be heard at once.
@@ -186,6 +187,10 @@ class CooperativeTracker {
   double accepted_t_s_ = std::numeric_limits<double>::quiet_NaN();
   std::array<long, kPairUses> counts_{};
   std::vector<double> heard_t_s_;  // of each beacon
+  std::vector<long> orbit_uses_;   // of each beacon: bursts taken since the start
+  bool from_batch_ = false;
+  double batch_t_s_ = std::numeric_limits<double>::quiet_NaN();  // of the start, and the beacons it heard then
+  std::vector<int> batch_beacons_;
   Suspect suspect_;
   Opening waiting_;  // with the next prediction
   std::array<Taken, kWindow> window_{};
