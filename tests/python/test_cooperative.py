@@ -169,6 +169,23 @@ def test_smoothing(found, truth):
         begun(found)[0].smooth()
 
 
+def test_bursts_of_the_start_are_used_up():
+    """A campaign that the start takes whole ends with its mean and covariance; its last burst is not taken again."""
+    setup = Setup(duration_s=85.0)
+    end = mei_static.locate(7, setup, "drawn", SIGMAS_PAPER)
+    found = campaign(setup, 7, mode="drawn", sigmas=SIGMAS_PAPER)
+    tracker, start, rest = mei_static.begin(found, 7, mei_static.GUESS_M)
+    assert start.ok
+    assert len(rest) == 0
+    assert end.nees == end.start_nees
+    assert np.isnan(end.error_m[:-1]).all()
+    again = tracker.run(mei_static.bursts_of(found)[-1:])
+    assert again.use == [PairUse.NOT_ADVANCING]
+    one = mei_static.truth_of(found)[0, :3]
+    assert end.error_m[-1] == pytest.approx(np.linalg.norm(again.error_enu_m(one)[-1, :2]))
+    assert end.sigma_m[-1] == pytest.approx(again.horizontal_sigma_m[-1])
+
+
 def test_along_track_states():
     setup = Setup(separation_m=2e5, along_track_m=1500.0, duration_s=200.0)
     found = campaign(setup, 5, mode="drawn", sigmas=SIGMAS_BOUND)

@@ -134,6 +134,18 @@ def nees_of(mean: Array, covariance: Array, truth: Array) -> float:
     return float(error @ np.linalg.solve(covariance[np.ix_(SEEN, SEEN)], error))
 
 
+def horizontal(mean: Array, covariance: Array, truth_e_m: Array) -> tuple[Array, Array]:
+    """Error and stated sigma along the ground of one estimate, as arrays of one number."""
+    latitude, longitude, _ = (float(x) for x in geometry.ecef_to_geodetic(truth_e_m))
+    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
+    up = np.array(
+        [math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude), math.sin(latitude)]
+    )
+    axes = np.array([east, np.cross(up, east)])
+    error = axes @ (mean[:3] - truth_e_m)
+    return np.array([np.linalg.norm(error)]), np.array([math.sqrt(np.trace(axes @ covariance[:3, :3] @ axes.T))])
+
+
 def begin(found: Campaign, seed: int, off_m: float | None) -> tuple[CooperativeTracker, PairStart, PairBursts]:
     """A batch start: from a guess so far off, searched to twice that, or from the grid without any.
 
@@ -175,10 +187,19 @@ def locate(seed: int, setup: Setup, mode: Mode, sigmas: tuple[float, float], pla
     truth = truth_of(found)
     tracker, start, rest = begin(found, seed, GUESS_M)
     last = len(found) - len(rest) - 1
-    run = tracker.run(rest) if len(rest) else tracker.run(bursts_of(found)[-1:])
-    error = np.linalg.norm(run.error_enu_m(truth[0, :3])[:, :2], axis=1)
-    at = np.searchsorted(run.t_s, np.append(GRID_S, np.inf)) - 1
-    begun = np.where(at < 0, math.nan, 1.0)
+    run = tracker.run(rest)
+    # Bursts of the start are used up: where it took them all, its own mean and covariance are the end.
+    mean = run.mean[-1] if len(rest) else start.mean
+    covariance = run.covariance[-1] if len(rest) else start.covariance
+    if len(rest):
+        error = np.linalg.norm(run.error_enu_m(truth[0, :3])[:, :2], axis=1)
+        sigma = run.horizontal_sigma_m
+        at = np.searchsorted(run.t_s, np.append(GRID_S, np.inf)) - 1
+        begun = np.where(at < 0, math.nan, 1.0)
+    else:
+        error, sigma = horizontal(mean, covariance, truth[0, :3])
+        at = np.zeros(len(GRID_S) + 1, np.int64)
+        begun = np.append(np.full(len(GRID_S), math.nan), 1.0)
     worst, wrong = math.nan, math.nan
     if plain:
         other = plain_filter(found, seed, GUESS_M)
@@ -190,9 +211,9 @@ def locate(seed: int, setup: Setup, mode: Mode, sigmas: tuple[float, float], pla
         start_error_m=float(np.linalg.norm(start.mean[:3] - truth[0, :3])),
         start_nees=nees_of(start.mean, start.covariance, truth[last]),
         error_m=begun * error[at],
-        sigma_m=begun * run.horizontal_sigma_m[at],
-        nees=nees_of(run.mean[-1], run.covariance[-1], truth[-1]),
-        lost=1.0 - float(np.mean(run.accepted)),
+        sigma_m=begun * sigma[at],
+        nees=nees_of(mean, covariance, truth[-1]),
+        lost=1.0 - float(np.mean(run.accepted)) if len(rest) else 0.0,
         plain_error_m=worst,
         plain_nees=wrong,
         scatter=np.column_stack([found.tdoa_error_s, found.fdoa_error_hz]) / stated,
