@@ -82,6 +82,19 @@ class Beacons:
     def __len__(self) -> int:
         return len(self.names)
 
+    def orbit_error(self) -> dict[str, float]:
+        """How far beacons may be along their orbits, as options of `navigation.CooperativeTracker`.
+
+        By `orbits.AlongTrackError` and the age of each one's elements: exact for the oldest and at the epoch, no less
+        in between. The errors are estimated, 16 at a time. None where an ephemeris says where they are.
+        """
+        if self.epoch_s is None:
+            return {}
+        model = orbits.AlongTrackError()
+        oldest_s = max(float(np.max(np.abs(self.epoch_s))), 1.0)
+        growth = (float(model.sigma_m(oldest_s)) - model.at_epoch_m) / oldest_s
+        return {"orbit_sigma_m": model.at_epoch_m, "orbit_sigma_mps": growth, "along_track_states": 16}
+
     def index(self, name: str) -> int | None:
         """Of a name; None for a stranger."""
         return self._number.get(name)

@@ -105,7 +105,8 @@ class Track:
     state : path, optional
         Where the track is kept; one that is there is gone on with.
     **options
-        For `navigation.CooperativeTracker`: clocks, motion.
+        For `navigation.CooperativeTracker`: clocks, motion. The errors of orbits are those of the elements' age
+        (`Beacons.orbit_error`) unless told otherwise.
 
     Attributes
     ----------
@@ -156,7 +157,7 @@ class Track:
             height_m=height_m,
             height_sigma_m=height_sigma_m,
             beacon_epoch_s=beacons.epoch_s,
-            **options,
+            **{**beacons.orbit_error(), **options},
         )
         if self._file is not None:
             self._prepare(self._file)
