@@ -275,9 +275,9 @@ class CooperativeTracker:
         ``iterations`` (1: linearisations of each update), ``gate_probability`` (1e-6: of a good burst to be refused; 0:
         no gate), ``mask_rad`` (0: least elevation of satellites at both receivers), ``anchor_drift_mps`` (0: c times
         the anchor's own skew where known), ``orbit_sigma_m`` (0: orbits are exact) and ``orbit_sigma_mps`` (0; its
-        growth with age), ``along_track_states`` (0: that error is noise; k: it is estimated for k satellites at a
-        time), ``forget_after_s`` (900), ``jump_after`` (3: refused bursts that agree on another clock; 0: never),
-        ``smoother_capacity`` (0: steps kept for `smooth`).
+        growth with age), ``along_track_states`` (0: that error is noise, wide enough; k: it is estimated for k
+        satellites at a time, the better way), ``forget_after_s`` (900), ``jump_after`` (3: refused bursts that agree on
+        another clock; 0: never), ``smoother_capacity`` (0: steps kept for `smooth`).
 
     Raises
     ------
@@ -344,8 +344,8 @@ class CooperativeTracker:
         -------
         PairStart
             ``status``, ``mean``, ``covariance``, ``t_s``, ``chi_square``, ``degrees_of_freedom``, ``alternatives``,
-            ``used``. The tracker is started where a place was found, ambiguous and poorly fitting ones included: with
-            few satellites gather more bursts until ``ok``.
+            ``used``. The tracker is started where a place fits, the best of several included, and else stays as it
+            was: with few satellites gather more bursts until ``ok``. Bursts of the start are not taken again.
         """
         return self._core.start(bursts.rows(), _search(search))  # type: ignore[no-any-return]
 

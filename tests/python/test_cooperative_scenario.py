@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from soopnav_cpp import scenarios
+from soopnav_cpp import navigation, scenarios
 from soopnav_cpp.cli.app import cli
 from soopnav_cpp.config import ConfigError
+from soopnav_cpp.experiments import mei_setup
 from soopnav_cpp.scenarios.cooperative import EXAMPLE, Cooperative, CooperativeScenario
 
 ROOT = Path(__file__).parents[2]
@@ -44,6 +47,36 @@ def test_a_static_target_is_found() -> None:
     assert set(Cooperative().figures(scenario, run)) == {"clock_and_position", "measurements"}
     numbers = Cooperative().numbers(scenario, run)
     assert numbers["measured"] == numbers["bursts"] == 150
+
+
+def test_how_the_start_ended_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that fits nothing is no run; one of several places is, and the notes say so."""
+    bursts = {"sigma_tdoa_s": 148e-9, "sigma_fdoa_hz": 45e-3}
+    run: Any = Cooperative().run(short(bursts=bursts), 1)
+    assert Cooperative().numbers(short(), run)["start_status"] == run.start_status == "found"
+    assert run.notes == ()
+    begin = navigation.CooperativeTracker.start
+
+    def two_places(self: Any, batch: Any, **search: Any) -> Any:
+        start = begin(self, batch, **search)
+        other = start.mean[None] + 1e3
+        status = navigation.PairStartStatus.AMBIGUOUS
+        return SimpleNamespace(mean=start.mean, status=status, ok=False, alternatives=other)
+
+    monkeypatch.setattr(navigation.CooperativeTracker, "start", two_places)
+    two: Any = Cooperative().run(short(bursts=bursts), 1)
+    assert two.start_status == "ambiguous"
+    assert two.notes == ("the batch start is ambiguous: other places that fit as well: 1",)
+    monkeypatch.setattr(navigation.CooperativeTracker, "start", begin)
+    made = mei_setup.campaign
+
+    def overconfident(*arguments: Any, **options: Any) -> Any:
+        campaign = made(*arguments, **options)
+        return replace(campaign, covariance=1e-3 * campaign.covariance)
+
+    monkeypatch.setattr(mei_setup, "campaign", overconfident)
+    with pytest.raises(ValueError, match=r"gave no start: .*POOR_FIT"):
+        Cooperative().run(short(bursts=bursts), 1)
 
 
 def test_a_driving_target_is_followed_by_velocity_states() -> None:

@@ -176,12 +176,15 @@ class PairRun(SystemRun):
         Of `nees`.
     start_error_m : float
         Horizontal.
+    start_status : str
+        How the batch start ended; "known" without one.
     """
 
     campaign: Campaign
     nees: _Array
     dimension: int
     start_error_m: float
+    start_status: str = "known"
 
 
 def setup_of(scenario: CooperativeScenario) -> Setup:
@@ -248,6 +251,7 @@ class Cooperative:
             "tdoa_sigma_s": float(np.median(sigma[:, 0])),
             "fdoa_sigma_hz": float(np.median(sigma[:, 1])),
             "start_error_m": run.start_error_m,
+            "start_status": run.start_status,
             "mean_nees_over_dimension": float(np.mean(counted)) / run.dimension if len(counted) else None,
         }
 
@@ -292,12 +296,16 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
         return navigation.CooperativeTracker(world.beacons, motion=motion, **options)
 
     tracker, baselines = started(settings.motion), {}
+    start_status, notes = "known", []
     if settings.start == "batch":
         away = rng.uniform(0.0, 2.0 * math.pi)
         guess = world.position_e_m[0] + settings.start_off_m * (math.sin(away) * axes[0] + math.cos(away) * axes[1])
         start = tracker.start(bursts[:count], guess_e_m=guess)
         if not tracker.started:
             raise ValueError(f"the batch of {count} bursts gave no start: {start.status}")
+        start_status = start.status.name.lower().replace("_", " ")
+        if not start.ok:
+            notes.append(f"the batch start is {start_status}: other places that fit as well: {len(start.alternatives)}")
         begun = np.asarray(start.mean)[:3] - world.position_e_m[campaign.row[count - 1]]
         track = tracker.run(bursts[count:])
     else:
@@ -328,7 +336,8 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
     truth[:, :3] -= axes @ origin
     covariance = turn @ track.covariance @ turn.T
     states = [0, 1, 2, 6, 7] if settings.motion == "static" else list(range(8))
-    note = f"{len(world.start_s) - len(campaign)} of {len(world.start_s)} bursts were not detected"
+    if len(campaign) < len(world.start_s):
+        notes.append(f"{len(world.start_s) - len(campaign)} of {len(world.start_s)} bursts were not detected")
     return PairRun(
         t_s=track.t_s,
         position_m=state[:, :3],
@@ -348,10 +357,11 @@ def _track(scenario: CooperativeScenario, campaign: Campaign, seed: int) -> Pair
         ),
         baselines=baselines,
         sources={"anchor": np.zeros(3)},
-        notes=(note,) if len(campaign) < len(world.start_s) else (),
+        notes=tuple(notes),
         origin_lla_deg=(scenario.pair.latitude_deg, scenario.pair.longitude_deg, scenario.pair.height_m),
         campaign=campaign,
         nees=track.nees(true, states),
         dimension=len(states),
         start_error_m=float(np.hypot(*(axes[:2] @ begun))),
+        start_status=start_status,
     )
