@@ -211,7 +211,7 @@ PairStart CooperativeTracker::start(std::span<const PairMeasurement> measurement
   for (const PairBeacon& beacon : beacons_) {
     orbits.push_back(beacon.orbit);
     // What the batch learns of an orbit is lost to noise: half of its information then, half to the bursts to come.
-    const double share = options_.along_track_states > 0 ? 1.0 : std::sqrt(kBatchShare);
+    const double share = engine_->smoothable() ? std::sqrt(kBatchShare) : 1.0;  // it has no along-track states, or has
     if (options_.orbit_sigma_m > 0.0) search.orbit_sigma_m.push_back(share * orbit_sigma_m(beacon, t_s));
   }
   PairStart found = start_pair(orbits, measurements, search);
