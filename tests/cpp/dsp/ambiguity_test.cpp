@@ -561,13 +561,13 @@ TEST(CrossAmbiguity, SigmasAreThoseOfTheErrors) {
   }
 }
 
-// Just above the threshold the variance is a third and more above eq. 8; the reported one follows (eq. 10). 200 draws:
-// chi-square, 1e-3 either side, 0.71 ... 1.34; without, 1.39.
+// Just above the threshold the variance is half as much again as eq. 8 says; the reported one follows (eq. 10). 200
+// draws: chi-square, 1e-3 either side, 0.71 ... 1.34; without, 1.6 for the delay.
 TEST(CrossAmbiguity, SigmasHoldNearTheThreshold) {
   double delay = 0.0, doppler = 0.0;
   int detected = 0;
-  Scene scene{.rate_hz = 62.5e3, .duration_s = 0.0325, .snr_db = -5.4};
-  AmbiguityOptions o = options(recorded(scene, 0), 62.5e3);
+  Scene scene{.rate_hz = 50e3, .duration_s = 0.09, .snr_db = -9.0};
+  AmbiguityOptions o = options(recorded(scene, 0), 50e3);
   o.max_doppler_hz = 1e3;
   CrossAmbiguity caf(o);
   for (int i = 0; i < 200; ++i) {
@@ -579,7 +579,7 @@ TEST(CrossAmbiguity, SigmasHoldNearTheThreshold) {
     delay += std::pow((peak.tdoa_s - scene.tdoa_s) / peak.sigma_tdoa_s, 2);
     doppler += std::pow((peak.fdoa_hz - scene.fdoa_hz) / peak.sigma_fdoa_hz, 2);
   }
-  ASSERT_GT(detected, 190);
+  ASSERT_GT(detected, 160);
   EXPECT_GT(delay / detected, 0.71);
   EXPECT_LT(delay / detected, 1.34);
   EXPECT_GT(doppler / detected, 0.71);
