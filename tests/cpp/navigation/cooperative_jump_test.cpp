@@ -224,7 +224,7 @@ class Unsound final : public CooperativeFilter {
     report.status = UpdateStatus::kNotPositiveDefinite;
     return report;
   }
-  UpdateReport<1> update(const PlaneDistance<>&, double, double) noexcept override { return {}; }
+  UpdateReport<1> update(const PlaneDistance<>&, double, double) noexcept override { return UpdateReport<1>(); }
   UpdateStatus reopen_clock(double, double) noexcept override { return UpdateStatus::kAccepted; }
   [[nodiscard]] PairVector mean() const noexcept override { return mean_; }
   [[nodiscard]] PairSquare covariance() const noexcept override { return P_; }

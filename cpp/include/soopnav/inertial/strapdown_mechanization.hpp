@@ -70,7 +70,8 @@ struct GaussMarkovStep {
 ///
 /// Model:   q <- exp(-w_ie dt) q exp(phi),  v += A - dt w_ie x A / 2 + dt (g(p) - 2 w_ie x v),  p by the trapezoid,
 ///          phi = dtheta - dt b_g - n_g,  A = C_n_b J(phi) (dv - dt b_a - n_a)             (doc/strapdown.md eq. 20-26)
-/// Frames:  n is `FrameTag`: NedFrame or EnuFrame at the origin given, or EcefFrame, whose origin is the Earth's centre;
+/// Frames:  n is `FrameTag`: NedFrame or EnuFrame at the origin given, or EcefFrame, whose origin is the Earth's
+/// centre;
 ///          all are fixed to the Earth: w_ie is constant in them, and gravity is evaluated at p with its size and its
 ///          direction. b is the body; the increments are along its axes.
 /// Noise:   12 normals: gyros, accelerometers, and the walks of their biases.
@@ -98,7 +99,9 @@ class StrapdownMechanization {
   }
   /// The same in the Earth's own axes.
   explicit StrapdownMechanization(const ImuNoise& noise = {}) requires kCentred
-      : noise_(noise), omega_ie_(0.0, 0.0, wgs84::kEarthRateRadps), origin_(0.0, 0.0, 0.0) {
+      : noise_(noise),
+        omega_ie_(0.0, 0.0, wgs84::kEarthRateRadps),
+        origin_(0.0, 0.0, 0.0) {
     noise_.check();
   }
 
