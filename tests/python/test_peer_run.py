@@ -6,25 +6,21 @@ import asyncio
 import errno
 import json
 import math
-import shutil
-import socket
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from soopnav_cpp import geometry, io, orbits
-from soopnav_cpp.cli.app import cli
-from soopnav_cpp.cli.peer import print_result
 from soopnav_cpp.experiments import mei_peer as experiment
 from soopnav_cpp.experiments import mei_peer_setup, mei_setup
 from soopnav_cpp.experiments.registry import REGISTRY, perform
 from soopnav_cpp.peer import frames, local, messages, proxy, report, roles
 from soopnav_cpp.peer.beacons import Beacons, Candidate, read_beacons
-from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _Asked, _OwnSkew
+from soopnav_cpp.peer.ends import OwnSkew
+from soopnav_cpp.peer.roles import Anchor, ExchangeOptions, Target, _Asked
 from soopnav_cpp.peer.session import Address, PeerRefusedError, Session, SessionOptions, Traffic
 from soopnav_cpp.peer.sources import Recording
 from soopnav_cpp.peer.track import Measured, Track
@@ -449,7 +445,7 @@ def test_bursts_of_two_satellites_tell_the_anchors_skew() -> None:
     def burst(*skews: float) -> list[Candidate]:
         return [Candidate(i, f"S{i}", 1.62e9, -1.62e9 * skew) for i, skew in enumerate(skews)]
 
-    skew = _OwnSkew()
+    skew = OwnSkew()
     for k in range(8):
         skew.take(burst(0.4e-6, 1.1e-6))  # all of the first satellite: its wrong skew is always there too
         assert skew.known is None, k
@@ -550,85 +546,6 @@ def test_a_burst_is_settled_whatever_comes_of_it(world, monkeypatch: pytest.Monk
 
 
 # ---- the command
-
-
-def refusal(*arguments: str) -> str:
-    result = CliRunner().invoke(cli, ["peer", *arguments])
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.output
-    return result.output
-
-
-@pytest.mark.unit
-def test_the_command_refuses_in_a_sentence(world, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SOOPNAV_PEER_KEY", raising=False)
-    key = tmp_path / "key"
-    key.write_bytes(KEY)
-    good = ["--role", "anchor", "--source", str(world.anchor), "--orbits", str(world.ephemeris),
-            f"--at={world.anchor_at}", "--key-file", str(key)]  # fmt: skip
-    assert "--role is missing" in refusal()
-    assert "one of --listen and --connect" in refusal(*good)
-    assert "HOST:PORT" in refusal(*good, "--listen", "here")
-    assert "LAT,LON,HEIGHT" in refusal(*good[:-3], "--at=north", "--listen", ":0")
-    assert "--key-file" in refusal(*good[:-2], "--listen", ":0")
-    key.write_bytes(b"short")
-    assert "16" in refusal(*good, "--listen", ":0")
-    assert "short" not in refusal(*good, "--listen", ":0")
-    key.write_bytes(KEY)
-    assert "no multiple" in refusal(*good, "--listen", ":0", "--snippet-rate", "40e3")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        assert "in use" in refusal(*good, "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
-    empty = tmp_path / "empty.sigmf-meta"
-    shutil.copy(world.anchor, empty)
-    empty.with_suffix(".sigmf-data").write_bytes(b"")
-    good[3] = str(empty)
-    assert "empty" in refusal(*good, "--listen", ":0")
-
-
-@pytest.mark.unit
-def test_the_command_says_what_will_not_do_before_it_waits(world, tmp_path: Path) -> None:
-    key = tmp_path / "key"
-    key.write_bytes(KEY)
-    common = ["--orbits", str(world.ephemeris), "--key-file", str(key), "--wait", "0.1"]
-    anchor = [*common, "--role", "anchor", "--source", str(world.anchor), f"--at={world.anchor_at}"]
-    target = [*common, "--role", "target", "--source", str(world.target), f"--at={world.guess_at}"]
-    assert "--state: of the target alone" in refusal(*anchor, "--listen", ":0", "--state", "x")
-    assert "--bits: of the anchor alone" in refusal(*target, "--listen", ":0", "--bits", "2")
-    assert "--bandwidth: of the anchor alone" in refusal(*target, "--listen", ":0", "--bandwidth", "9e3")
-    assert "no peer at localhost:9 within 0.1 s" in refusal(*target, "--connect", "localhost:9")
-    assert f"no peer at unix:{tmp_path}/s within" in refusal(*anchor, "--listen", f"unix:{tmp_path}/s")
-    assert f"{tmp_path}/no/s: no such file" in refusal(*anchor, "--listen", f"unix:{tmp_path}/no/s")
-    assert f"{key}/out: not a directory" in refusal(*anchor, "--listen", ":0", "--out", f"{key}/out")
-    assert "(--state): the track cannot be kept" in refusal(
-        *target, "--listen", ":0", "--state", f"{tmp_path}/no/state"
-    )
-
-
-@pytest.mark.unit
-def test_what_a_peer_says_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
-    print_result(
-        {
-            "role": "anchor", "source": "a[/bold].sigmf-meta", "counts": {"[/red]": 1}, "reasons": {"[/bold]": 2},
-            "refused": {"[red]x": 3}, "sessions": 1, "sessions_lost": 0, "sent_bytes": 0, "received_bytes": 0,
-            "samples_not_finite": 0,
-        }
-    )  # fmt: skip
-    said = capsys.readouterr().out
-    for name in ("a[/bold].sigmf-meta", "[/red]", "  [/bold]", "refused: [red]x"):
-        assert name in said
-
-
-@pytest.mark.example
-def test_the_example_is_of_options_that_exist() -> None:
-    result = CliRunner().invoke(cli, ["peer", "--example"])
-    assert result.exit_code == 0
-    options = {option for parameter in cli.commands["peer"].params for option in parameter.opts}
-    words = result.output.split()
-    asked = {word for at, word in enumerate(words) if word.startswith("--")}
-    assert asked <= options | {"--example"}
-    assert {"--role", "--listen", "--connect", "--key-file"} <= asked
 
 
 @pytest.mark.slow

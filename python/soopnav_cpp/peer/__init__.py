@@ -9,6 +9,7 @@
 `peer.scan`             bursts in them, and pieces of them
 `peer.beacons`          which beacon a burst came from
 `peer.snippets`         bursts in few bits, and what a link can pay for
+`peer.ends`             what anchor and target have in common
 `peer.roles`            `Anchor` and `Target` as state machines
 `peer.track`            the target's track, kept over a restart
 `peer.local`            both ends in one process
