@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "navigation/cooperative_checks.hpp"
 #include "navigation/cooperative_iterate.hpp"
 #include "navigation/cooperative_rows.hpp"
 #include "soopnav/clock/two_state.hpp"
@@ -70,15 +71,11 @@ void cross_covariance(const PairSquare& P, double dt_s, PairSquare& cross) noexc
 }
 
 PairMotion motion_of(const PairFilterOptions& o) {
-  const auto refuse = [](const char* name, double value, const char* rule) {
-    throw std::invalid_argument(std::string(name) + ": " + std::to_string(value) + "; " + rule);
-  };
-  const auto density = [&](const char* name, double value) {
-    if (!(value >= 0.0) || !std::isfinite(value)) refuse(name, value, "a finite number of 0 or more expected");
-  };
-  density("clock_noise.white_frequency_m2ps", o.clock_noise.white_frequency_m2ps);
-  density("clock_noise.frequency_walk_m2ps3", o.clock_noise.frequency_walk_m2ps3);
-  density("acceleration_psd_m2ps3", o.acceleration_psd_m2ps3);
+  using pair_options::refuse;
+  using pair_options::zero_or_more;
+  zero_or_more("clock_noise.white_frequency_m2ps", o.clock_noise.white_frequency_m2ps);
+  zero_or_more("clock_noise.frequency_walk_m2ps3", o.clock_noise.frequency_walk_m2ps3);
+  zero_or_more("acceleration_psd_m2ps3", o.acceleration_psd_m2ps3);
   if (o.iterations < 1 || o.iterations > 20) refuse("iterations", o.iterations, "1 ... 20 expected");
   if (o.max_along_track < 0 || o.max_along_track > 64)
     refuse("max_along_track", o.max_along_track, "0 ... 64 expected");

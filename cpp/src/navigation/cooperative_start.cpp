@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "navigation/cooperative_checks.hpp"
 #include "navigation/cooperative_rows.hpp"
 #include "navigation/cooperative_sight.hpp"
 #include "soopnav/core/constants.hpp"
@@ -317,15 +318,9 @@ std::string_view to_string(PairStartStatus status) noexcept {
 }
 
 void PairStartOptions::check() const {
-  const auto refuse = [](const char* name, double value, const char* rule) {
-    throw std::invalid_argument(std::string(name) + ": " + std::to_string(value) + "; " + rule);
-  };
-  const auto zero_or_more = [&](const char* name, double value) {
-    if (!(value >= 0.0) || !std::isfinite(value)) refuse(name, value, "a finite number of 0 or more expected");
-  };
-  const auto positive = [&](const char* name, double value) {
-    if (!(value > 0.0) || !std::isfinite(value)) refuse(name, value, "a positive number expected");
-  };
+  using pair_options::positive;
+  using pair_options::refuse;
+  using pair_options::zero_or_more;
   zero_or_more("clock_noise.white_frequency_m2ps", clock_noise.white_frequency_m2ps);
   zero_or_more("clock_noise.frequency_walk_m2ps3", clock_noise.frequency_walk_m2ps3);
   zero_or_more("acceleration_psd_m2ps3", acceleration_psd_m2ps3);

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "navigation/cooperative_checks.hpp"
 #include "navigation/cooperative_sight.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/estimation/chi_square.hpp"
@@ -86,15 +87,9 @@ std::string_view to_string(PairUse use) noexcept {
 }
 
 void CooperativeOptions::check() const {
-  const auto refuse = [](const char* name, double value, const char* rule) {
-    throw std::invalid_argument(std::string(name) + ": " + std::to_string(value) + "; " + rule);
-  };
-  const auto zero_or_more = [&](const char* name, double value) {
-    if (!(value >= 0.0) || !std::isfinite(value)) refuse(name, value, "a finite number of 0 or more expected");
-  };
-  const auto positive = [&](const char* name, double value) {
-    if (!(value > 0.0) || !std::isfinite(value)) refuse(name, value, "a positive number expected");
-  };
+  using pair_options::positive;
+  using pair_options::refuse;
+  using pair_options::zero_or_more;
   zero_or_more("target_clock.white_frequency_m2ps", target_clock.white_frequency_m2ps);
   zero_or_more("target_clock.frequency_walk_m2ps3", target_clock.frequency_walk_m2ps3);
   zero_or_more("anchor_clock.white_frequency_m2ps", anchor_clock.white_frequency_m2ps);

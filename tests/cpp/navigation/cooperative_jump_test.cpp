@@ -44,13 +44,13 @@ TEST(ClockJump, AClockThatJumpsIsReopenedAndThePositionStays) {
   // Never, when told so: then all bursts after the jump are refused, and nothing moves.
   auto options = world.options();
   options.jump_after = 0;
-  CooperativeTracker stubborn(world.beacons, options);
-  ASSERT_TRUE(stubborn.start(until(world, 90.0)).ok());
+  CooperativeTracker unaware(world.beacons, options);
+  ASSERT_TRUE(unaware.start(until(world, 90.0)).ok());
   for (std::size_t k = until(world, 90.0).size(); k < world.bursts.size(); ++k) {
-    static_cast<void>(stubborn.update(world.bursts[k]));
+    static_cast<void>(unaware.update(world.bursts[k]));
   }
-  EXPECT_GT(count(stubborn, PairUse::kGated), 50);
-  EXPECT_EQ(count(stubborn, PairUse::kClockJump), 0);
+  EXPECT_GT(count(unaware, PairUse::kGated), 50);
+  EXPECT_EQ(count(unaware, PairUse::kClockJump), 0);
 }
 
 TEST(ClockJump, AFrequencyJumpReopensBoth) {

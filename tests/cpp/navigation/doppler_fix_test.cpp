@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -174,7 +174,7 @@ TEST(DopplerFix, CovarianceIsRightWithAndWithoutBiases) {
       const DopplerFix fix = doppler_fix(rows, options);
       ASSERT_EQ(fix.status, DopplerStatus::kConverged);
       const Eigen::Vector3d error = frame.position_from_ecef(fix.position_e);
-      nees += error.dot(fix.covariance_enu.inverse() * error);
+      nees += error.dot(fix.covariance_enu.llt().solve(error));
       scatter += error.head<2>().squaredNorm();
       reported += fix.sigma_2d_m * fix.sigma_2d_m;
       chi_square += fix.chi_square;
@@ -216,7 +216,7 @@ TEST(DopplerFix, BiasesLeftOutMakeItOverconfident) {
     options.start_p_e = sky.p_e;
     const DopplerFix fix = doppler_fix(rows, options);
     const Eigen::Vector2d error = frame.position_from_ecef(fix.position_e).head<2>();
-    without += error.dot(fix.covariance_enu.topLeftCorner<2, 2>().inverse() * error);
+    without += error.dot(fix.covariance_enu.topLeftCorner<2, 2>().llt().solve(error));
   }
   EXPECT_GT(without, chi_square_upper_quantile(kFailure, 2.0 * kRuns));
 }
