@@ -8,6 +8,7 @@ namespace py = pybind11;
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which document it.";
   auto array = m.def_submodule("array", "Antenna arrays: manifolds, covariances, directions.");
+  auto cdma = m.def_submodule("cdma", "cdma2000 and IS-95: pilot codes, signals, acquisition.");
   auto clock = m.def_submodule("clock", "Oscillators, their deviations, fits to records.");
   auto dsp = m.def_submodule("dsp", "Transforms, correlation, delays and resampling.");
   auto estimation = m.def_submodule("estimation", "What an estimate is worth: dilution of precision, ellipses.");
@@ -21,6 +22,7 @@ PYBIND11_MODULE(_core, m) {
   auto ofdm = m.def_submodule("ofdm", "OFDM: symbols, cyclic-prefix correlator, blind symbol boundaries.");
   auto process = m.def_submodule("process", "Process models.");
   auto simulation = m.def_submodule("simulation", "Channels: noise, carrier offset, clock error, path loss.");
+  auto tracking = m.def_submodule("tracking", "Code and carrier tracking loops of spread signals.");
   auto vision = m.def_submodule("vision", "Cameras, planes of ground, motion over it.");
   auto navigation = m.def_submodule("navigation", "Positions from observations.");
   soopnav::python::register_array(array);
@@ -75,4 +77,14 @@ PYBIND11_MODULE(_core, m) {
   soopnav::python::register_cooperative(navigation);
   soopnav::python::register_cooperative_group(navigation);
   soopnav::python::register_ground_scene(simulation);
+  soopnav::python::register_cdma(cdma);
+  soopnav::python::register_tracking(tracking);
+  soopnav::python::register_gps_receiver(gps);
+  soopnav::python::register_opportunity_link(simulation);
+  soopnav::python::register_coherence(clock);
+  soopnav::python::register_opportunistic(navigation);
+  soopnav::python::register_characterization(clock);
+  soopnav::python::register_phase_stitcher(navigation);
+  soopnav::python::register_gps_phase(gnss);
+  soopnav::python::register_sop_catalog(navigation);
 }

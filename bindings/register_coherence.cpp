@@ -1,0 +1,9 @@
+#include <pybind11/pybind11.h>
+
+#include "register.hpp"
+
+namespace soopnav::python {
+
+void register_coherence([[maybe_unused]] pybind11::module_& module) {}
+
+}  // namespace soopnav::python
