@@ -1,0 +1,497 @@
+#include <algorithm>
+#include <cmath>
+
+#include "navigation/opportunistic_state.hpp"
+
+// One step of an OpportunisticNavigator: prediction, models, faults, update (doc/opportunistic_navigation.md).
+namespace soopnav::navigation {
+
+namespace {
+
+using detail::Slot;
+using detail::TouchedRow;
+
+constexpr double kLight = kSpeedOfLightMps;
+// What jumped is opened by so many standard deviations of the jump's own estimate: the data decide anew, and having
+// been used to find the jump they count 1 / 30² too much.
+constexpr double kOpening = 30.0;
+// How much better than a single slip a jump of a clock has to explain an epoch, for slips are far more common.
+constexpr double kJumpCost = 10.0;
+constexpr double kPivot = 1e-13;  // of the innovations' covariance: below it the epoch is not tested
+constexpr double kNearM = 1e-6;   // coincident points
+
+// The way from a source at rest, estimated or given: rho = |R(w rho / c) q - p|, with its exact derivatives.
+struct Way {
+  double range = 0.0;
+  Eigen::Vector3d to_p = Eigen::Vector3d::Zero();  // d range / d p
+  Eigen::Vector3d to_q = Eigen::Vector3d::Zero();  // d range / d q
+  double to_time = 0.0;                            // d range / d t
+};
+
+bool way_from_rest(const Eigen::Vector3d& q, const Eigen::Vector3d& p, Way& way) noexcept {
+  double range = (q - p).norm();
+  Eigen::Vector3d turned = q;
+  double angle = 0.0;
+  for (int i = 0; i < 4; ++i) {
+    angle = wgs84::kEarthRateRadps * range / kLight;
+    const double c = std::cos(angle);
+    const double s = std::sin(angle);
+    turned = {c * q.x() + s * q.y(), c * q.y() - s * q.x(), q.z()};
+    const double next = (turned - p).norm();
+    const bool done = std::abs(next - range) <= 1e-9;
+    range = next;
+    if (done) break;
+  }
+  if (!(range > kNearM) || !std::isfinite(range)) return false;
+  const Eigen::Vector3d u = (turned - p) / range;
+  // d rho = u . (R dq + (dR/drho q) drho - dp)
+  const double turn = (u.x() * turned.y() - u.y() * turned.x()) * wgs84::kEarthRateRadps / kLight;
+  const double scale = 1.0 / (1.0 - turn);
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  way.range = range;
+  way.to_p = -scale * u;
+  way.to_q = scale * Eigen::Vector3d(c * u.x() - s * u.y(), s * u.x() + c * u.y(), u.z());
+  way.to_time = 0.0;
+  return true;
+}
+
+}  // namespace
+
+void OpportunisticNavigator::Impl::ask(int place, double noise) noexcept {
+  const int uid = members[static_cast<std::size_t>(place)].uid;
+  for (auto& p : pending) {
+    if (p.place == uid) {
+      p.variance += noise;
+      return;
+    }
+  }
+  if (pending.size() == pending.capacity()) pending.erase(pending.begin());  // of sources that have left
+  pending.push_back({uid, noise, 0.0});
+}
+
+void OpportunisticNavigator::Impl::open(int place, double noise, double shift) noexcept {
+  filter.x()[place] += shift;
+  filter.add_noise(place, noise);
+  if (noises.size() < noises.capacity()) noises.push_back({place, noise, shift});
+}
+
+void OpportunisticNavigator::Impl::predict(double dt_s) noexcept {
+  pairs.clear();
+  noises.clear();
+  const auto pair = [&](int from, int to, double white, double walk) {
+    pairs.push_back({from, to, walk * dt_s, 0.5 * walk * dt_s * dt_s, white * dt_s + walk * dt_s * dt_s * dt_s / 3.0});
+  };
+  const auto walk = [&](int place, double density) {
+    if (density > 0.0) noises.push_back({place, density * dt_s, 0.0});
+  };
+  for (int i = 0; i < 3 && velocity_at >= 0; ++i) {
+    pair(velocity_at + i, position_at + i, 0.0, options.acceleration_psd_m2ps3);
+  }
+  for (int i = 0; i < 3 && velocity_at < 0 && position_at >= 0; ++i) walk(position_at + i, options.position_walk_m2ps);
+  pair(drift_at, bias_at, options.clock.white_frequency_m2ps, options.clock.frequency_walk_m2ps3);
+  for (const int s : order) {
+    const Slot& slot = slots[static_cast<std::size_t>(s)];
+    if (layout.holds(slot.position)) {
+      for (int i = 0; i < 3; ++i) walk(layout.offset(slot.position) + i, slot.given.position_walk_m2ps);
+    }
+    if (layout.holds(slot.clock)) {
+      const int at = layout.offset(slot.clock);
+      pair(at, at + 1, slot.given.clock_noise.white_frequency_m2ps, slot.given.clock_noise.frequency_walk_m2ps3);
+    }
+    if (layout.holds(slot.ambiguity)) walk(layout.offset(slot.ambiguity), slot.given.ambiguity_walk_cycles2ps);
+  }
+  for (const auto& p : pairs) {
+    filter.move(p.to, p.from, dt_s);
+    if (p.value > 0.0) filter.add_noise(p.from, p.to, p.rate, p.cross, p.value);
+  }
+  for (const auto& n : noises) filter.add_noise(n.place, n.variance);
+}
+
+bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, double at_s, std::size_t number,
+                                         ObservableReport& report) noexcept {
+  const int s = slot_of(o.source);
+  if (s < 0) {
+    report.use = ObservableUse::kUnknownSource;
+    return false;
+  }
+  const Slot& slot = slots[static_cast<std::size_t>(s)];
+  if (!std::isfinite(o.value) || !std::isfinite(o.correction_m) || !(o.sigma > 0.0) || std::isinf(o.sigma)) {
+    report.use = ObservableUse::kNonFinite;
+    return false;
+  }
+  if (slot.suspended) {
+    report.use = ObservableUse::kSuspended;
+    return false;
+  }
+  const double* x = filter.x();
+  const Eigen::Vector3d p =
+      position_at < 0 ? known_position : Eigen::Vector3d(Eigen::Map<const Eigen::Vector3d>(x + position_at));
+  const double bias = x[bias_at];
+  const bool by_receiver = options.time_tag == TimeTag::kReceiver;
+  const double received_s = by_receiver ? at_s - bias / kLight : at_s;
+
+  report.use = ObservableUse::kUndefined;
+  Way way;
+  if (slot.given.orbit) {
+    geometry::SignalPath path;
+    geometry::PathGradient gradient;
+    if (!geometry::signal_path(*slot.given.orbit, received_s, p, Eigen::Vector3d::Zero(), path, gradient)) return false;
+    way.range = path.range_m;
+    way.to_p = kLight * gradient.delay_p;
+    way.to_time = kLight * path.delay_rate;
+  } else if (slot.has_rest) {
+    if (!way_from_rest(slot.rest.samples().front().p_e, p, way)) return false;
+  } else if (layout.holds(slot.position)) {
+    if (!way_from_rest(Eigen::Map<const Eigen::Vector3d>(x + layout.offset(slot.position)), p, way)) return false;
+  } else {
+    const Eigen::Vector3d line = p - o.source_position_e_m;
+    way.range = line.norm();
+    if (!(way.range > kNearM) || !std::isfinite(way.range)) return false;
+    way.to_p = line / way.range;
+  }
+
+  // The source's clock at transmission: its state is of at_s.
+  const double lag_s = (by_receiver ? bias / kLight : 0.0) + way.range / kLight;
+  double source_clock = 0.0;
+  const bool estimates_clock = layout.holds(slot.clock) && std::isnan(o.source_clock_m);
+  if (estimates_clock) {
+    const int at = layout.offset(slot.clock);
+    source_clock = x[at + 1] - lag_s * x[at];
+  } else if (!std::isnan(o.source_clock_m)) {
+    source_clock = o.source_clock_m;
+  } else {
+    source_clock = slot.given.clock_bias_m + slot.given.clock_drift_mps * (at_s - lag_s - slot.given.clock_epoch_s);
+  }
+  const bool phase = o.kind == ObservableKind::kPhase;
+  const double scale = phase ? 1.0 / slot.wavelength_m : 1.0;
+  double predicted = scale * (way.range + bias - source_clock + o.correction_m);
+  TouchedRow row;
+  for (int i = 0; i < 3 && position_at >= 0; ++i) row.add(position_at + i, scale * way.to_p[i]);
+  row.add(bias_at, scale * (1.0 - (by_receiver ? way.to_time / kLight : 0.0)));
+  if (layout.holds(slot.position)) {
+    for (int i = 0; i < 3; ++i) row.add(layout.offset(slot.position) + i, scale * way.to_q[i]);
+  }
+  if (estimates_clock) {
+    const int at = layout.offset(slot.clock);
+    row.add(at, scale * lag_s);
+    row.add(at + 1, -scale);
+  }
+  bool is_tested = true;
+  if (phase) {
+    if (layout.holds(slot.ambiguity)) {
+      const int at = layout.offset(slot.ambiguity);
+      predicted += x[at];
+      row.add(at, 1.0);
+      is_tested = !slot.fresh;
+    } else {
+      predicted += slot.given.ambiguity_cycles;
+    }
+  }
+  const double nu = o.value - predicted;
+  if (!std::isfinite(nu) || !std::isfinite(o.sigma * o.sigma)) {
+    report.use = ObservableUse::kNonFinite;
+    return false;
+  }
+  report.use = ObservableUse::kAccepted;
+  report.innovation = nu;
+  rows.push_back({number, s, o.kind, is_tested});
+  touched.push_back(row);
+  innovation.push_back(nu);
+  variance.push_back(o.sigma * o.sigma);
+  return true;
+}
+
+// Covariance, whitening and w of the rows that are tested. False when they cannot be.
+bool OpportunisticNavigator::Impl::test(OpportunisticReport& report, bool first) noexcept {
+  tested.clear();
+  used_touched.clear();
+  used_variance.clear();
+  report.nis = 0.0;
+  report.dof = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (!rows[i].tested) continue;
+    tested.push_back(i);
+    used_touched.push_back(touched[i]);
+    used_variance.push_back(variance[i]);
+  }
+  const int m = static_cast<int>(tested.size());
+  if (m == 0) return false;
+  const auto stride = static_cast<std::size_t>(S_stride);
+  filter.innovation_covariance(used_touched, used_variance, S.data(), S_stride);
+  if (first) {
+    for (int i = 0; i < m; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      reports[rows[tested[k]].report].sigma = std::sqrt(S.data()[k * stride + k]);
+    }
+  }
+  if (!detail::factorize_lower(S.data(), m, S_stride, kPivot, true)) return false;
+  double* y = whitened.data();
+  for (int i = 0; i < m; ++i) y[i] = innovation[tested[static_cast<std::size_t>(i)]];
+  detail::solve_lower(S.data(), m, S_stride, y);
+  for (int i = 0; i < m; ++i) report.nis += y[i] * y[i];
+  report.dof = m;
+  // Columns of L⁻¹: what one unit of each observable does to the whitened innovations.
+  for (int j = 0; j < m; ++j) {
+    double* column = inverse.data() + static_cast<std::size_t>(j) * stride;
+    std::fill_n(column, m, 0.0);
+    column[j] = 1.0;
+    detail::solve_lower(S.data(), m, S_stride, column, j);
+  }
+  return true;
+}
+
+void OpportunisticNavigator::Impl::judge(double dt_s, OpportunisticReport& report) noexcept {
+  const auto stride = static_cast<std::size_t>(S_stride);
+  const double* y = whitened.data();
+  double* g = whitened.data() + S_stride;
+  // Signature f of a fault in the tested rows, whitened: its size f' S^-1 nu / f' S^-1 f and how much it explains.
+  struct Fault {
+    double size = 0.0, information = 0.0, explains = -1.0;
+  };
+  const auto measure = [&](int m) {
+    double gy = 0.0;
+    double gg = 0.0;
+    for (int i = 0; i < m; ++i) {
+      gy += g[i] * y[i];
+      gg += g[i] * g[i];
+    }
+    return gg > 0.0 ? Fault{gy / gg, gg, gy * gy / gg} : Fault{};
+  };
+  const std::size_t most = 2 * rows.size() + 2;
+  bool receiver_open = true;
+  for (std::size_t pass = 0; pass < most; ++pass) {
+    if (!test(report, pass == 0)) return;
+    const int m = static_cast<int>(tested.size());
+    enum class What { kNone, kRow, kSource, kReceiver } what = What::kNone;
+    Fault best;
+    int which = -1;
+    double score = threshold;
+    for (int j = 0; j < m; ++j) {
+      const double* column = inverse.data() + static_cast<std::size_t>(j) * stride;
+      double gy = 0.0;
+      double gg = 0.0;
+      for (int i = j; i < m; ++i) {
+        gy += column[i] * y[i];
+        gg += column[i] * column[i];
+      }
+      const Fault fault{gy / gg, gg, gy * gy / gg};
+      const std::size_t row = tested[static_cast<std::size_t>(j)];
+      if (pass == 0) reports[rows[row].report].w = gy / std::sqrt(gg);
+      if (fault.explains > score) {
+        score = fault.explains;
+        best = fault;
+        what = What::kRow;
+        which = static_cast<int>(row);
+      }
+    }
+    if (what == What::kNone && report.nis < threshold + kJumpCost) return;
+    // A clock shows in several rows: of its source, or of all.
+    const auto clock_fault = [&](int slot_number) {
+      std::fill_n(g, m, 0.0);
+      int count = 0;
+      int first_slot = -1;
+      bool several = false;
+      for (int j = 0; j < m; ++j) {
+        const std::size_t row = tested[static_cast<std::size_t>(j)];
+        if (slot_number >= 0 && rows[row].slot != slot_number) continue;
+        const int at =
+            slot_number < 0 ? bias_at : layout.offset(slots[static_cast<std::size_t>(slot_number)].clock) + 1;
+        const double f = touched[row].at(at);
+        if (f == 0.0) continue;
+        const double* column = inverse.data() + static_cast<std::size_t>(j) * stride;
+        for (int i = j; i < m; ++i) g[i] += f * column[i];
+        ++count;
+        several = several || (first_slot >= 0 && first_slot != rows[row].slot);
+        first_slot = rows[row].slot;
+      }
+      const bool apart = slot_number < 0 ? several : count > 1;
+      return apart ? measure(m) : Fault{};
+    };
+    for (const int s : order) {
+      if (!layout.holds(slots[static_cast<std::size_t>(s)].clock) || slots[static_cast<std::size_t>(s)].jumped)
+        continue;
+      const Fault fault = clock_fault(s);
+      if (fault.explains - kJumpCost > score) {
+        score = fault.explains - kJumpCost;
+        best = fault;
+        what = What::kSource;
+        which = s;
+      }
+    }
+    if (receiver_open) {
+      const Fault fault = clock_fault(-1);
+      if (fault.explains - kJumpCost > score) {
+        score = fault.explains - kJumpCost;
+        best = fault;
+        what = What::kReceiver;
+      }
+    }
+    if (what == What::kNone) return;
+
+    const double opening = kOpening * kOpening / best.information;
+    int place = -1;
+    if (what == What::kRow) {
+      detail::Row& row = rows[static_cast<std::size_t>(which)];
+      Slot& slot = slots[static_cast<std::size_t>(row.slot)];
+      slot.contradicted = true;
+      row.tested = false;
+      if (row.kind == ObservableKind::kPhase && layout.holds(slot.ambiguity)) {
+        place = layout.offset(slot.ambiguity);
+        reports[row.report].use = ObservableUse::kSlip;
+        ++report.slips;
+        ++slot.slips;
+        ++slot.serial;
+        open(place, opening, best.size);
+      } else {
+        reports[row.report].use = ObservableUse::kGated;
+      }
+    } else {
+      // A drift that jumped shows as a jump of the bias again in the next epoch.
+      bool again = receiver_jumped;
+      int drift = drift_at;
+      if (what == What::kSource) {
+        Slot& slot = slots[static_cast<std::size_t>(which)];
+        again = slot.jumped_before;
+        drift = layout.offset(slot.clock);
+        slot.contradicted = slot.jumped = true;
+        ++slot.jumps;
+        ++slot.serial;
+        ++report.source_jumps;
+      } else {
+        receiver_open = false;
+        report.receiver_jump = true;
+      }
+      place = drift + 1;
+      open(place, opening, best.size);
+      if (again && dt_s > 0.0) open(drift, best.size * best.size / (dt_s * dt_s), 0.0);
+    }
+    if (place >= 0) {
+      for (std::size_t i = 0; i < rows.size(); ++i) innovation[i] -= touched[i].at(place) * best.size;
+    }
+  }
+}
+
+void OpportunisticNavigator::Impl::remember(double at_s) noexcept {
+  past_head = (past_head + 1) % detail::kObservedEpochs;
+  past_epochs = std::min(past_epochs + 1, detail::kObservedEpochs);
+  const auto head = static_cast<std::size_t>(past_head);
+  past_t[head] = at_s;
+  past_count[head] = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (used[i] == 0) continue;
+    detail::PastRow& past_row = past[head * max_rows() + static_cast<std::size_t>(past_count[head]++)];
+    const TouchedRow& row = touched[i];
+    const Slot& slot = slots[static_cast<std::size_t>(rows[i].slot)];
+    const double scale = 1.0 / std::sqrt(variance[i]);
+    past_row.count = row.count;
+    past_row.source = slot.id;
+    past_row.serial = slot.serial;
+    for (int c = 0; c < row.count; ++c) {
+      const auto k = static_cast<std::size_t>(c);
+      past_row.uid[k] = members[static_cast<std::size_t>(row.index[k])].uid;
+      past_row.value[k] = scale * row.value[k];
+    }
+  }
+}
+
+OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
+                                                       std::span<const OpportunisticObservation> observed) noexcept {
+  OpportunisticReport out;
+  const bool first = std::isnan(t_s);
+  const double dt_s = first ? 0.0 : at_s - t_s;
+  reported = std::min(observed.size(), max_rows());
+  for (std::size_t i = 0; i < reported; ++i) reports[i] = {};
+  if (!std::isfinite(at_s)) {
+    out.status = UpdateStatus::kNonFinite;
+  } else if (!first && !(dt_s > 0.0)) {
+    out.status = UpdateStatus::kTimeNotAdvancing;
+  }
+  if (out.status != UpdateStatus::kAccepted) {
+    out.rejected = static_cast<int>(observed.size());
+    return out;
+  }
+  const bool recording = recorder.active() && recorder.begin(at_s, dt_s, members);
+  pairs.clear();
+  noises.clear();
+  if (!first) predict(dt_s);
+  for (const auto& p : pending) {
+    for (std::size_t place = 0; place < members.size(); ++place) {
+      if (members[place].uid == p.place && p.variance > 0.0) open(static_cast<int>(place), p.variance, 0.0);
+    }
+  }
+  pending.clear();
+  t_s = at_s;
+
+  rows.clear();
+  touched.clear();
+  innovation.clear();
+  variance.clear();
+  for (const int s : order) {
+    Slot& slot = slots[static_cast<std::size_t>(s)];
+    slot.jumped_before = slot.jumped;
+    slot.jumped = slot.contradicted = slot.observed = false;
+  }
+  for (std::size_t i = 0; i < observed.size(); ++i) {
+    if (i >= reported) {
+      ++out.rejected;  // more than there is room for
+      continue;
+    }
+    if (build(observed[i], at_s, i, reports[i])) {
+      slots[static_cast<std::size_t>(rows.back().slot)].observed = true;
+    } else {
+      ++out.rejected;
+    }
+  }
+  judge(dt_s, out);
+  receiver_jumped = out.receiver_jump;
+  if (out.receiver_jump) past_epochs = 0;
+  if (recording) recorder.predicted(filter, pairs, noises);
+
+  // Everything that stands, linearised at the (opened) prediction.
+  used_touched.clear();
+  used_innovation.clear();
+  used_variance.clear();
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (reports[rows[i].report].use == ObservableUse::kGated) continue;
+    used_touched.push_back(touched[i]);
+    used_innovation.push_back(innovation[i]);
+    used_variance.push_back(variance[i]);
+  }
+  used.assign(used_touched.size(), 0);
+  filter.update(used_touched, used_innovation, used_variance, used);
+  if (recording) recorder.filtered(filter);
+
+  // What came of each.
+  std::size_t k = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ObservableReport& report = reports[rows[i].report];
+    Slot& slot = slots[static_cast<std::size_t>(rows[i].slot)];
+    if (report.use == ObservableUse::kGated) {
+      ++out.rejected;
+      continue;
+    }
+    if (used[k++] == 0) {
+      report.use = ObservableUse::kNotPositiveDefinite;
+      ++out.rejected;
+      continue;
+    }
+    ++out.accepted;
+    if (rows[i].kind == ObservableKind::kPhase) slot.fresh = false;
+  }
+  used.resize(rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const ObservableUse use = reports[rows[i].report].use;
+    used[i] = use == ObservableUse::kAccepted || use == ObservableUse::kSlip;
+  }
+  remember(at_s);
+  for (const int s : order) {
+    Slot& slot = slots[static_cast<std::size_t>(s)];
+    if (!slot.observed) continue;
+    slot.slip_rate += ((slot.contradicted ? 1.0 : 0.0) - slot.slip_rate) / options.suspend_memory;
+    if (slot.contradicted && slot.slip_rate > options.suspend_share) slot.suspended = true;
+  }
+  return out;
+}
+
+}  // namespace soopnav::navigation
