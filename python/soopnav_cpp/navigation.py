@@ -47,6 +47,14 @@ from soopnav_cpp._ofdm_inertial import (
     PlanarStart,
     RangeChanges,
 )
+from soopnav_cpp._opportunistic import (
+    ObservableUse,
+    OpportunisticNavigator,
+    OpportunisticReport,
+    OpportunisticRun,
+    OpportunisticSmoothed,
+    OpportunisticSourceState,
+)
 from soopnav_cpp._source import (
     BearingUse,
     SourceFix,
@@ -88,8 +96,14 @@ __all__ = [
     "NodeMapStatus",
     "NodeStart",
     "NodeUse",
+    "ObservableUse",
     "OfdmInertialNavigator",
     "OfdmInertialRun",
+    "OpportunisticNavigator",
+    "OpportunisticReport",
+    "OpportunisticRun",
+    "OpportunisticSmoothed",
+    "OpportunisticSourceState",
     "PairBursts",
     "PairStart",
     "PairStartStatus",
