@@ -667,7 +667,7 @@ class OpportunisticNavigator:
         """Listens to a suspended source again."""
         return bool(self._navigator.readmit(source))
 
-    def unobservable(self, epochs: int = 32, *, tolerance: float = 1e-10) -> tuple[str, ...]:
+    def unobservable(self, epochs: int = 32, *, tolerance: float = 1e-13) -> tuple[str, ...]:
         """Directions of the state that the last steps (at most 64) say nothing of, in words; empty when there is none.
 
         "clock bias", or "0.71 clock bias + 0.71 A ambiguity"; ambiguities count in metres.

@@ -95,6 +95,8 @@ OpportunisticFilter::OpportunisticFilter(OpportunisticForm form, int max_dim, in
       stride_(padded(max_dim)),
       x_(as_size(stride_)),
       P_(as_size(stride_) * as_size(stride_)),
+      saved_x_(x_.size()),
+      saved_P_(P_.size()),
       w_(as_size(stride_)),
       dx_(as_size(stride_)),
       wide_(std::max(as_size(stride_) * as_size(std::max(padded(max_rows), 2 * kGroup)),
@@ -269,6 +271,16 @@ void OpportunisticFilter::innovation_covariance(std::span<const TouchedRow> rows
     for (int k = 0; k < whole; k += 4) add_outer(out, as_size(out_stride), m, F + as_size(k) * stride, stride);
   }
   for (int j = 0; j < m; ++j) out[as_size(j) * as_size(out_stride) + as_size(j)] += variance[as_size(j)];
+}
+
+void OpportunisticFilter::save() noexcept {
+  std::copy_n(x_.data(), n_, saved_x_.data());
+  std::copy_n(P_.data(), as_size(n_) * as_size(stride_), saved_P_.data());
+}
+
+void OpportunisticFilter::restore() noexcept {
+  std::copy_n(saved_x_.data(), n_, x_.data());
+  std::copy_n(saved_P_.data(), as_size(n_) * as_size(stride_), P_.data());
 }
 
 void OpportunisticFilter::update(std::span<const TouchedRow> rows, std::span<const double> innovation,

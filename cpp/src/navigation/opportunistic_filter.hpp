@@ -91,6 +91,10 @@ class OpportunisticFilter {
   void update(std::span<const TouchedRow> rows, std::span<const double> innovation, std::span<const double> variance,
               std::span<unsigned char> used) noexcept;
 
+  /// Keeps mean and covariance, and puts them back: one place, of a state that has not changed its size since.
+  void save() noexcept;
+  void restore() noexcept;
+
  private:
   void rank_one(int first) noexcept;  // adds w wᵀ to P = S Sᵀ
   void update_joseph(std::span<const TouchedRow> rows, std::span<const double> innovation,
@@ -105,7 +109,7 @@ class OpportunisticFilter {
   OpportunisticForm form_;
   int n_ = 0;
   int stride_;
-  AlignedDoubles x_, P_;
+  AlignedDoubles x_, P_, saved_x_, saved_P_;
   AlignedDoubles w_;     // a vector
   AlignedDoubles dx_;    // what an update moves the mean by
   AlignedDoubles wide_;  // rows' projections

@@ -93,7 +93,8 @@ OpportunisticNavigator::Impl::Impl(const OpportunisticStart& start, const Opport
       slots(static_cast<std::size_t>(options.max_sources)),
       S(1),
       inverse(1),
-      whitened(1) {
+      whitened(1),
+      start_x(2 * static_cast<std::size_t>(filter.stride())) {
   soopnav::detail::check_state(start.position_e_m, "position_e_m");
   require_option(std::isfinite(start.clock_bias_m), "clock_bias_m", start.clock_bias_m, "finite");
   require_option(std::isfinite(start.clock_drift_mps), "clock_drift_mps", start.clock_drift_mps, "finite");
@@ -131,6 +132,8 @@ OpportunisticNavigator::Impl::Impl(const OpportunisticStart& start, const Opport
   rows.reserve(m);
   touched.reserve(m);
   used_touched.reserve(m);
+  next_touched.reserve(m);
+  next_innovation.reserve(m);
   innovation.reserve(m);
   variance.reserve(m);
   used_innovation.reserve(m);

@@ -177,18 +177,32 @@ std::vector<std::string> OpportunisticNavigator::unobservable(int epochs, double
     v.normalize();
     free.push_back(v);
   }
-  // An orthonormal basis of them, in metres and metres per second.
-  Eigen::MatrixXd basis(n, static_cast<Eigen::Index>(free.size()));
-  Eigen::Index kept = 0;
-  for (Eigen::VectorXd& v : free) {
-    for (int twice = 0; twice < 2; ++twice) {
-      for (Eigen::Index j = 0; j < kept; ++j) v -= basis.col(j) * basis.col(j).dot(v);
+  // Reduced to echelon form, in metres and metres per second: as few components in each as there can be.
+  const int count = static_cast<int>(free.size());
+  int done = 0;
+  for (int i = 0; i < n && done < count; ++i) {
+    int pivot = done;
+    for (int k = done; k < count; ++k) {
+      if (std::abs(free[static_cast<std::size_t>(k)][i]) > std::abs(free[static_cast<std::size_t>(pivot)][i]))
+        pivot = k;
     }
-    if (v.norm() > 1e-9) basis.col(kept++) = v.normalized();
+    Eigen::VectorXd& chosen = free[static_cast<std::size_t>(pivot)];
+    if (std::abs(chosen[i]) < 1e-6 * chosen.norm()) continue;
+    chosen /= chosen[i];
+    chosen.swap(free[static_cast<std::size_t>(done)]);
+    for (int k = 0; k < count; ++k) {
+      Eigen::VectorXd& other = free[static_cast<std::size_t>(k)];
+      if (k != done) other -= other[i] * free[static_cast<std::size_t>(done)];
+    }
+    ++done;
   }
   std::vector<std::string_view> names;
   for (const detail::Member& m : me.members) names.emplace_back(me.names[static_cast<std::size_t>(m.uid)]);
-  return name_directions(basis.leftCols(kept), names);
+  std::vector<std::string> out;
+  for (const Eigen::VectorXd& v : free) {
+    if (v.norm() > 0.0) out.push_back(name_directions(v.normalized(), names).front());
+  }
+  return out;
 }
 
 }  // namespace soopnav::navigation

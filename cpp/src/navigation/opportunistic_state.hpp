@@ -146,15 +146,15 @@ struct OpportunisticNavigator::Impl {
 
   // Of a step.
   std::vector<detail::Row> rows;
-  std::vector<detail::TouchedRow> touched, used_touched;
-  std::vector<double> innovation, variance, used_innovation, used_variance;
+  std::vector<detail::TouchedRow> touched, used_touched, next_touched;
+  std::vector<double> innovation, variance, used_innovation, used_variance, next_innovation;
   std::vector<std::size_t> tested;  // rows that are
   std::vector<unsigned char> used;
   std::vector<ObservableReport> reports;
   std::size_t reported = 0;
   std::vector<detail::RatePair> pairs;
   std::vector<detail::PlaceNoise> noises;
-  detail::AlignedDoubles S, inverse, whitened;
+  detail::AlignedDoubles S, inverse, whitened, start_x;
   int S_stride = 0;
 
   // What was observed, for observability.
@@ -175,6 +175,9 @@ struct OpportunisticNavigator::Impl {
   // Noise on a component from outside a step; and in one.
   void ask(int place, double variance) noexcept;
   void open(int place, double variance, double shift) noexcept;
+  bool model(const OpportunisticObservation& o, const detail::Slot& slot, double at_s, detail::TouchedRow& row,
+             double& predicted) const noexcept;
+  void use_all(double at_s, std::span<const OpportunisticObservation> observed) noexcept;
   // Finds and remedies faults; returns what was done in `report`.
   void judge(double dt_s, OpportunisticReport& report) noexcept;
   bool test(OpportunisticReport& report, bool final_pass) noexcept;

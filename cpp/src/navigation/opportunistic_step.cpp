@@ -18,7 +18,9 @@ constexpr double kOpening = 30.0;
 // How much better than a single slip a jump of a clock has to explain an epoch, for slips are far more common.
 constexpr double kJumpCost = 10.0;
 constexpr double kPivot = 1e-13;  // of the innovations' covariance: below it the epoch is not tested
-constexpr double kNearM = 1e-6;   // coincident points
+constexpr int kIterations = 6;
+constexpr double kNonlinear = 0.05;
+constexpr double kNearM = 1e-6;  // coincident points
 
 // The way from a source at rest, estimated or given: rho = |R(w rho / c) q - p|, with its exact derivatives.
 struct Way {
@@ -108,22 +110,9 @@ void OpportunisticNavigator::Impl::predict(double dt_s) noexcept {
   for (const auto& n : noises) filter.add_noise(n.place, n.variance);
 }
 
-bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, double at_s, std::size_t number,
-                                         ObservableReport& report) noexcept {
-  const int s = slot_of(o.source);
-  if (s < 0) {
-    report.use = ObservableUse::kUnknownSource;
-    return false;
-  }
-  const Slot& slot = slots[static_cast<std::size_t>(s)];
-  if (!std::isfinite(o.value) || !std::isfinite(o.correction_m) || !(o.sigma > 0.0) || std::isinf(o.sigma)) {
-    report.use = ObservableUse::kNonFinite;
-    return false;
-  }
-  if (slot.suspended) {
-    report.use = ObservableUse::kSuspended;
-    return false;
-  }
+// What an observable should be at the present state, and the row of its Jacobian. False where there is no value.
+bool OpportunisticNavigator::Impl::model(const OpportunisticObservation& o, const Slot& slot, double at_s,
+                                         TouchedRow& row, double& predicted) const noexcept {
   const double* x = filter.x();
   const Eigen::Vector3d p =
       position_at < 0 ? known_position : Eigen::Vector3d(Eigen::Map<const Eigen::Vector3d>(x + position_at));
@@ -131,7 +120,6 @@ bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, doub
   const bool by_receiver = options.time_tag == TimeTag::kReceiver;
   const double received_s = by_receiver ? at_s - bias / kLight : at_s;
 
-  report.use = ObservableUse::kUndefined;
   Way way;
   if (slot.given.orbit) {
     geometry::SignalPath path;
@@ -165,8 +153,8 @@ bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, doub
   }
   const bool phase = o.kind == ObservableKind::kPhase;
   const double scale = phase ? 1.0 / slot.wavelength_m : 1.0;
-  double predicted = scale * (way.range + bias - source_clock + o.correction_m);
-  TouchedRow row;
+  predicted = scale * (way.range + bias - source_clock + o.correction_m);
+  row.count = 0;
   for (int i = 0; i < 3 && position_at >= 0; ++i) row.add(position_at + i, scale * way.to_p[i]);
   row.add(bias_at, scale * (1.0 - (by_receiver ? way.to_time / kLight : 0.0)));
   if (layout.holds(slot.position)) {
@@ -177,25 +165,49 @@ bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, doub
     row.add(at, scale * lag_s);
     row.add(at + 1, -scale);
   }
-  bool is_tested = true;
   if (phase) {
     if (layout.holds(slot.ambiguity)) {
       const int at = layout.offset(slot.ambiguity);
       predicted += x[at];
       row.add(at, 1.0);
-      is_tested = !slot.fresh;
     } else {
       predicted += slot.given.ambiguity_cycles;
     }
+  }
+  return std::isfinite(predicted);
+}
+
+bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, double at_s, std::size_t number,
+                                         ObservableReport& report) noexcept {
+  const int s = slot_of(o.source);
+  if (s < 0) {
+    report.use = ObservableUse::kUnknownSource;
+    return false;
+  }
+  const Slot& slot = slots[static_cast<std::size_t>(s)];
+  if (!std::isfinite(o.value) || !std::isfinite(o.correction_m) || !(o.sigma > 0.0) || std::isinf(o.sigma)) {
+    report.use = ObservableUse::kNonFinite;
+    return false;
+  }
+  if (slot.suspended) {
+    report.use = ObservableUse::kSuspended;
+    return false;
+  }
+  TouchedRow row;
+  double predicted = 0.0;
+  if (!model(o, slot, at_s, row, predicted)) {
+    report.use = ObservableUse::kUndefined;
+    return false;
   }
   const double nu = o.value - predicted;
   if (!std::isfinite(nu) || !std::isfinite(o.sigma * o.sigma)) {
     report.use = ObservableUse::kNonFinite;
     return false;
   }
+  const bool is_fresh = o.kind == ObservableKind::kPhase && layout.holds(slot.ambiguity) && slot.fresh;
   report.use = ObservableUse::kAccepted;
   report.innovation = nu;
-  rows.push_back({number, s, o.kind, is_tested});
+  rows.push_back({number, s, o.kind, !is_fresh});
   touched.push_back(row);
   innovation.push_back(nu);
   variance.push_back(o.sigma * o.sigma);
@@ -372,6 +384,52 @@ void OpportunisticNavigator::Impl::judge(double dt_s, OpportunisticReport& repor
   }
 }
 
+// Everything that stands, linearised at the (opened) prediction; again at the result while that was too far off.
+void OpportunisticNavigator::Impl::use_all(double at_s, std::span<const OpportunisticObservation> observed) noexcept {
+  const int n = filter.dim();
+  double* x0 = start_x.data();
+  double* x1 = start_x.data() + filter.stride();
+  filter.save();
+  std::copy_n(filter.x(), n, x0);
+  const auto stands = [&](std::size_t i) { return reports[rows[i].report].use != ObservableUse::kGated; };
+  for (int iteration = 1;; ++iteration) {
+    used_touched.clear();
+    used_innovation.clear();
+    used_variance.clear();
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      if (!stands(i)) continue;
+      used_touched.push_back(touched[i]);
+      used_innovation.push_back(innovation[i]);
+      used_variance.push_back(variance[i]);
+    }
+    used.assign(used_touched.size(), 0);
+    filter.update(used_touched, used_innovation, used_variance, used);
+    if (iteration == kIterations) return;
+    // How far the linear models are off where they led to, in standard deviations of the noise.
+    double worst = 0.0;
+    bool defined = true;
+    std::copy_n(filter.x(), n, x1);
+    for (int i = 0; i < n; ++i) x1[i] -= x0[i];
+    next_touched.clear();
+    next_innovation.clear();
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      TouchedRow row;
+      double predicted = 0.0;
+      const auto& o = observed[rows[i].report];
+      defined = defined && model(o, slots[static_cast<std::size_t>(rows[i].slot)], at_s, row, predicted);
+      const double again = o.value - predicted + row.dot(x1);
+      const double off = (o.value - predicted) - (innovation[i] - touched[i].dot(x1));
+      if (stands(i)) worst = std::max(worst, std::abs(off) / std::sqrt(variance[i]));
+      next_touched.push_back(row);
+      next_innovation.push_back(again);
+    }
+    if (!defined || !(worst > kNonlinear) || std::isinf(worst)) return;
+    filter.restore();
+    touched.swap(next_touched);
+    innovation.swap(next_innovation);
+  }
+}
+
 void OpportunisticNavigator::Impl::remember(double at_s) noexcept {
   past_head = (past_head + 1) % detail::kObservedEpochs;
   past_epochs = std::min(past_epochs + 1, detail::kObservedEpochs);
@@ -448,18 +506,7 @@ OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
   if (out.receiver_jump) past_epochs = 0;
   if (recording) recorder.predicted(filter, pairs, noises);
 
-  // Everything that stands, linearised at the (opened) prediction.
-  used_touched.clear();
-  used_innovation.clear();
-  used_variance.clear();
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (reports[rows[i].report].use == ObservableUse::kGated) continue;
-    used_touched.push_back(touched[i]);
-    used_innovation.push_back(innovation[i]);
-    used_variance.push_back(variance[i]);
-  }
-  used.assign(used_touched.size(), 0);
-  filter.update(used_touched, used_innovation, used_variance, used);
+  use_all(at_s, observed);
   if (recording) recorder.filtered(filter);
 
   // What came of each.

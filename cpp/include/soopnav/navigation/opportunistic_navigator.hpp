@@ -101,7 +101,8 @@ struct OpportunisticRun {
 ///
 /// State: receiver position, velocity, clock bias and drift, and of each source what is not known of its position,
 /// clock bias and drift, and carrier-phase ambiguity. Sources join and leave at any time; what one leaves behind in the
-/// others stays. Linearised once at the prediction of a step, so that the order of its observables does not matter.
+/// others stays. All observables of a step are linearised together, at the prediction and again at the result while
+/// the models bend by more than 0.05 sigma in between, so that their order does not matter.
 /// Models, with c * time in metres and lambda = c / carrier:
 ///   phase       = (|p - R q(t_tx)| + b - b_q(t_tx) + correction) / lambda + gamma   [cycles]
 ///   pseudorange =  |p - R q(t_tx)| + b - b_q(t_tx) + correction                     [m]
@@ -172,7 +173,7 @@ class OpportunisticNavigator {
   /// "clock bias", "0.71 clock bias + 0.71 A ambiguity". Ambiguities count in metres there. From the whitened rows,
   /// moved to now without noise; `tolerance`: a direction whose information is below so much of the largest, after
   /// scaling each component to its own. Allocates.
-  [[nodiscard]] std::vector<std::string> unobservable(int epochs = 32, double tolerance = 1e-10) const;
+  [[nodiscard]] std::vector<std::string> unobservable(int epochs = 32, double tolerance = 1e-13) const;
 
   /// Reserves room for the records of `epochs` steps at the full size of the state and begins recording; what was
   /// recorded is dropped. Steps beyond are not recorded. Allocates.
