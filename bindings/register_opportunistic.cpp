@@ -126,7 +126,7 @@ py::object opportunistic_source(const OpportunisticNavigator& self, int id) {
   return out;
 }
 
-py::dict opportunistic_step(OpportunisticNavigator& self, double t_s, const Table<"observations">& rows) {
+std::vector<OpportunisticObservation> opportunistic_observations(const TableBase& rows) {
   std::vector<OpportunisticObservation> observed(rows.rows());
   for (std::size_t i = 0; i < observed.size(); ++i) {
     const auto row = rows.row(i);
@@ -139,6 +139,18 @@ py::dict opportunistic_step(OpportunisticNavigator& self, double t_s, const Tabl
     o.source_position_e_m = {row[5], row[6], row[7]};
     o.source_clock_m = row[8];
   }
+  return observed;
+}
+
+py::object opportunistic_expected(const OpportunisticNavigator& self, double t_s, const Table<"observation">& row) {
+  double value = 0.0;
+  std::vector<double> jacobian(static_cast<std::size_t>(self.dim()));
+  if (!self.expected(t_s, opportunistic_observations(row).at(0), value, jacobian)) return py::none();
+  return py::make_tuple(value, to_array(std::move(jacobian)));
+}
+
+py::dict opportunistic_step(OpportunisticNavigator& self, double t_s, const Table<"observations">& rows) {
+  const std::vector<OpportunisticObservation> observed = opportunistic_observations(rows);
   const auto report = self.step(t_s, observed);
   std::vector<std::uint8_t> uses;
   std::vector<double> innovation, sigma, w;
@@ -283,6 +295,7 @@ void register_opportunistic(py::module_& m) {
           py::arg("name"))
       .def("source", &opportunistic_source, py::arg("source"))
       .def("step", &opportunistic_step, py::arg("t_s"), py::arg("observations"))
+      .def("expected", &opportunistic_expected, py::arg("t_s"), py::arg("observation"))
       .def("run", &opportunistic_run, py::kw_only(), py::arg("t_s"), py::arg("sources"), py::arg("phase"),
            py::arg("phase_sigma"), py::arg("pseudorange"), py::arg("pseudorange_sigma"), py::arg("phase_correction"),
            py::arg("range_correction"), py::arg("source_position"), py::arg("source_clock"), py::arg("record"),

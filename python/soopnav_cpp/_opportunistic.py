@@ -65,6 +65,24 @@ def _clock_covariance(bias_sigma_s: float, drift_sigma: float, covariance: npt.A
     return np.diag(np.array([bias_sigma_s, drift_sigma]) * _LIGHT_MPS) ** 2
 
 
+def _rows(observations: Sequence[Mapping[str, Any]]) -> _Array:
+    """What the engine takes, shape (n, 9)."""
+    rows = np.full((len(observations), 9), np.nan)
+    allowed = {"source", "kind", "value", "sigma", "correction_m", "source_position_e_m", "source_clock_s"}
+    for i, (row, given) in enumerate(zip(rows, observations, strict=True)):
+        unknown = set(given) - allowed
+        missing = {"source", "kind", "value", "sigma"} - set(given)
+        if unknown or missing:
+            what = "unknown" if unknown else "missing"
+            raise ValueError(f"observations[{i}]: {what} {', '.join(sorted(unknown or missing))}")
+        row[:4] = (given["source"], named("kind", given["kind"], _KINDS), given["value"], given["sigma"])
+        row[4] = given.get("correction_m", 0.0)
+        if given.get("source_position_e_m") is not None:
+            row[5:8] = _vector("source_position_e_m", given["source_position_e_m"])
+        row[8] = given.get("source_clock_s", np.nan) * _LIGHT_MPS
+    return rows
+
+
 @dataclass(frozen=True)
 class OpportunisticReport:
     """What a step did.
@@ -533,22 +551,30 @@ class OpportunisticNavigator:
         ValueError
             For a key or kind that is not known or one that is missing. What the data hold gives statuses.
         """
-        rows = np.full((len(observations), 9), np.nan)
-        allowed = {"source", "kind", "value", "sigma", "correction_m", "source_position_e_m", "source_clock_s"}
-        for i, (row, given) in enumerate(zip(rows, observations, strict=True)):
-            unknown = set(given) - allowed
-            missing = {"source", "kind", "value", "sigma"} - set(given)
-            if unknown or missing:
-                what = "unknown" if unknown else "missing"
-                raise ValueError(f"observations[{i}]: {what} {', '.join(sorted(unknown or missing))}")
-            row[:4] = (given["source"], named("kind", given["kind"], _KINDS), given["value"], given["sigma"])
-            row[4] = given.get("correction_m", 0.0)
-            if given.get("source_position_e_m") is not None:
-                row[5:8] = _vector("source_position_e_m", given["source_position_e_m"])
-            row[8] = given.get("source_clock_s", np.nan) * _LIGHT_MPS
-        out = self._navigator.step(t_s, rows)
+        out = self._navigator.step(t_s, _rows(observations))
         uses = tuple(ObservableUse(int(use)) for use in out.pop("uses"))
         return OpportunisticReport(uses=uses, **out)
+
+    def expected(self, t_s: float, observation: Mapping[str, Any]) -> tuple[float, _Array] | None:
+        """What an observable should be at the present state, as if it were of `t_s`, and its derivatives.
+
+        Parameters
+        ----------
+        t_s : float
+        observation : mapping
+            As for `step`; ``value`` and ``sigma`` are not read.
+
+        Returns
+        -------
+        value : float
+            Cycles or metres.
+        jacobian : ndarray, shape (dim,)
+            By the components of `component_names`.
+
+        None where there is no value: outside an orbit, no position, a source that is not present.
+        """
+        found = self._navigator.expected(t_s, _rows([{"value": 0.0, "sigma": 1.0, **observation}]))
+        return None if found is None else (float(found[0]), found[1])
 
     def run(
         self,

@@ -330,6 +330,19 @@ std::span<const ObservableReport> OpportunisticNavigator::reports() const noexce
   return {impl_->reports.data(), impl_->reported};
 }
 
+bool OpportunisticNavigator::expected(double t_s, const OpportunisticObservation& observed, double& value,
+                                      std::span<double> jacobian) const noexcept {
+  const Impl& me = *impl_;
+  const int s = me.slot_of(observed.source);
+  if (s < 0 || jacobian.size() != static_cast<std::size_t>(dim())) return false;
+  detail::TouchedRow row;
+  double predicted = 0.0;
+  if (!me.model(observed, me.slots[static_cast<std::size_t>(s)], t_s, row, predicted)) return false;
+  value = predicted;
+  for (int i = 0; i < dim(); ++i) jacobian[static_cast<std::size_t>(i)] = row.at(i);
+  return true;
+}
+
 bool OpportunisticNavigator::open_ambiguity(int source, double sigma_cycles) noexcept {
   Impl& me = *impl_;
   const int s = me.slot_of(source);

@@ -138,6 +138,12 @@ class OpportunisticNavigator {
   /// One report for each observable of the last step.
   [[nodiscard]] std::span<const ObservableReport> reports() const noexcept;
 
+  /// What an observable of a present source should be at the present state, as if it were of `t_s`, and its derivatives
+  /// by the `dim()` components. False, nothing written, for a source that is not present, a model without a value here,
+  /// or a row of another size.
+  [[nodiscard]] bool expected(double t_s, const OpportunisticObservation& observed, double& value,
+                              std::span<double> jacobian) const noexcept;
+
   /// Runs `step` over a batch; records for a smoother when `record`. NaN values are kMissing, and are not given to the
   /// filter. Allocates its result. @throws std::invalid_argument for sizes that do not fit.
   [[nodiscard]] OpportunisticRun run(const OpportunisticBatch& batch, bool record = false);
