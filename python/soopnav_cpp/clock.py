@@ -14,9 +14,37 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp._characterization import (
+    Characterization,
+    ClockEstimates,
+    NoiseBank,
+    PhaseScore,
+    characterize,
+    error_allan_variance,
+    estimate_clocks,
+    iterate_noise,
+    noise_likelihood,
+)
 from soopnav_cpp._core import clock as _clock
 
-__all__ = ["ClockNoise", "ClockSeries", "Deviations", "FittedClock", "TwoState", "allan_deviation", "fit"]
+__all__ = [
+    "Characterization",
+    "ClockEstimates",
+    "ClockNoise",
+    "ClockSeries",
+    "Deviations",
+    "FittedClock",
+    "NoiseBank",
+    "PhaseScore",
+    "TwoState",
+    "allan_deviation",
+    "characterize",
+    "error_allan_variance",
+    "estimate_clocks",
+    "fit",
+    "iterate_noise",
+    "noise_likelihood",
+]
 
 _Array = npt.NDArray[np.float64]
 _LIGHT_MPS = 299_792_458.0
