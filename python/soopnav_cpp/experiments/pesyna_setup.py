@@ -2,7 +2,8 @@
 
 The receiver stands at a known place, so that its clock and the sources' are all there is to estimate: a reduced, linear
 form of the estimator, equal to the full one up to constants and a straight line, which detrending removes (shown with
-the full navigator by pesyna-9). All phases are in L1 cycles or in seconds, whatever their carrier.
+the full navigator of `pesyna_full` by pesyna-9 and pesyna-10). All phases are in L1 cycles or in seconds, whatever
+their carrier.
 """
 
 from __future__ import annotations
@@ -96,6 +97,8 @@ class Record:
         Mean of the satellites' phases, less ranges and ambiguities [s]: the receiver's clock and noise.
     cdma_s : ndarray, shape (n, 2)
         The basestations' phases, less ranges and ambiguities [s].
+    satellites_s : ndarray, shape (n, 6)
+        Each satellite's phase, less range and ambiguity [s]; `gps_s` is their mean.
     """
 
     dt_s: float
@@ -105,6 +108,7 @@ class Record:
     sources_s: Array
     gps_s: Array
     cdma_s: Array
+    satellites_s: Array
 
     @property
     def t_s(self) -> Array:
@@ -157,9 +161,9 @@ def record(
         axis=1,
     )
     rng = np.random.default_rng([seed, 0x7065_7379])
-    satellites = rng.normal(0.0, phase_sigma_s(GPS_DBHZ, dt_s) / math.sqrt(SATELLITES), n)
-    basestations = rng.normal(0.0, phase_sigma_s(CDMA_DBHZ, dt_s), (n, 2))
-    return Record(dt_s, clock, sources, own, theirs, own + satellites, own[:, None] - theirs + basestations)
+    satellites = own[:, None] + rng.normal(0.0, phase_sigma_s(GPS_DBHZ, dt_s), (n, SATELLITES))
+    basestations = own[:, None] - theirs + rng.normal(0.0, phase_sigma_s(CDMA_DBHZ, dt_s), (n, 2))
+    return Record(dt_s, clock, sources, own, theirs, satellites.mean(axis=1), basestations, satellites)
 
 
 def stage_1(found: Record) -> ClockEstimates:
