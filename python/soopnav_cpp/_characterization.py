@@ -561,19 +561,20 @@ class NoiseBank:
 
     @staticmethod
     def around(
-        found: Characterization, *, total_span: float = 4.0, totals: int = 7, split_span: float = 300.0, splits: int = 9
+        found: Characterization, *, sigmas: float = 3.0, totals: int = 7, split_span: float = 300.0, splits: int = 7
     ) -> _Array:
         """Candidates about a maximum of the likelihood: totals of the noise near it, any split among two clocks.
 
         A plain grid in each clock's noise collapses onto its nearest node along what the record tells well, the total;
-        so that is refined and the split, which it may not tell, is wide (cpp/doc/characterization.md).
+        so that is spaced by its own standard deviation, and the split, which the record may not tell, is wide
+        (cpp/doc/characterization.md).
 
         Parameters
         ----------
         found : Characterization
             Of one or two estimated clocks.
-        total_span : float
-            Totals go from 1/total_span to total_span times those found, `totals` of them; above 1.
+        sigmas : float
+            Totals of h0 and of h-2 go this many standard deviations up and down, `totals` of each.
         split_span : float
             Ratios of the two clocks' noise go from 1/split_span to split_span, `splits` for h0 and as many for h-2.
 
@@ -583,16 +584,21 @@ class NoiseBank:
         """
         if not 1 <= len(found.estimated) <= 2:
             raise ValueError(f"found: one or two estimated clocks expected, got {len(found.estimated)}")
-        if not (total_span > 1.0 and split_span > 1.0 and totals > 1 and splits > 1):
-            raise ValueError("total_span and split_span above 1, totals and splits above 1 expected")
-        total = np.exp(np.linspace(-1.0, 1.0, totals) * math.log(total_span))
+        if not (sigmas > 0.0 and split_span > 1.0 and totals > 1 and splits > 1):
+            raise ValueError("sigmas above 0, split_span above 1, totals and splits above 1 expected")
+        steps = np.linspace(-sigmas, sigmas, totals)
         ratio = np.exp(np.linspace(-1.0, 1.0, splits) * math.log(split_span))
-        base = np.array([_pair(clock) for clock in found.clocks])
         white, walk = found.h0.sum(), found.h_minus_2.sum()
+        spread = []
+        for i, share in enumerate((found.h0 / white, found.h_minus_2 / walk)):
+            along = np.zeros(len(found.ln_covariance))
+            along[i::2] = share
+            spread.append(min(max(math.sqrt(along @ found.ln_covariance @ along), 0.02), 1.0))
+        base = np.array([_pair(clock) for clock in found.clocks])
         out = []
         first = found.estimated[0]
-        for of_white in total * white:
-            for of_walk in total * walk:
+        for of_white in white * np.exp(spread[0] * steps):
+            for of_walk in walk * np.exp(spread[1] * steps):
                 if len(found.estimated) == 1:
                     candidate = base.copy()
                     candidate[first] = of_white, of_walk

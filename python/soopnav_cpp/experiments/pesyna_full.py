@@ -28,7 +28,8 @@ __all__ = ["Stage", "navigate"]
 Array = npt.NDArray[np.float64]
 
 LIGHT_MPS = 299_792_458.0
-POSITION_SIGMA_M = 10.0
+COLD_M = 100.0  # stage 1's start, each axis
+WARM_M = 0.5  # stage 2's; more than this bends ranges to masts by more than their phases' noise
 BIAS_SIGMA_S = 1e-7
 DRIFT_SIGMA = 1e-8
 START_S = 100.0
@@ -42,9 +43,9 @@ def place() -> Array:
 
 @cache
 def basestations() -> tuple[Array, Array]:
-    """Two masts 1.4 and 2.1 km away."""
-    first = geometry.geodetic_to_ecef(math.radians(30.281), math.radians(-97.733), 200.0)
-    second = geometry.geodetic_to_ecef(math.radians(30.253), math.radians(-97.75), 190.0)
+    """Two masts 4.1 and 5.8 km away."""
+    first = geometry.geodetic_to_ecef(math.radians(30.303), math.radians(-97.721), 200.0)
+    second = geometry.geodetic_to_ecef(math.radians(30.222), math.radians(-97.763), 190.0)
     return np.asarray(first, np.float64), np.asarray(second, np.float64)
 
 
@@ -92,28 +93,32 @@ class Stage:
         return self.smoothed.clock_bias_s
 
 
-def navigate(found: Record, stage: Literal[1, 2, 3], sources: Pair, seed: int) -> Stage:
-    """Run a stage of `found` from a cold start: position 10 m off, every ambiguity open.
+def navigate(found: Record, stage: Literal[1, 2, 3], sources: Pair, seed: int, *, gains: bool = False) -> Stage:
+    """Run a stage of `found`, every ambiguity open.
 
     Parameters
     ----------
     found : Record
     stage : {1, 2, 3}
-        1: satellites. 2: satellites and basestations. 3: basestations, at the place stage 1 has found.
+        1: satellites, from a position known to 100 m. 2: satellites and basestations, from 0.5 m. 3: basestations, at a
+        known place.
     sources : pair of TwoState
         Noise of the basestations' clocks as the estimator takes it.
     seed : int
         Of the start's error and the ambiguities.
+    gains : bool
+        Keep the smoother's gains, for covariances between epochs.
     """
     n = len(found.receiver_s)
     rng = np.random.default_rng([seed, 0x6675_6C6C])
-    off = rng.normal(0.0, POSITION_SIGMA_M, 3)
+    sigma_m = COLD_M if stage == 1 else WARM_M
+    off = rng.normal(0.0, sigma_m, 3)
     ambiguities = np.round(rng.uniform(-500.0, 500.0, SATELLITES + 2))
     sky, ground = ranges_m(n, found.dt_s)
     # The record's clocks run through zero; constants and drifts of clocks are what ambiguities and priors take up.
     navigator = OpportunisticNavigator(
         place() if stage == 3 else place() + off,
-        position_sigma_m=POSITION_SIGMA_M,
+        position_sigma_m=sigma_m,
         clock=found.receiver,
         clock_bias_sigma_s=BIAS_SIGMA_S,
         clock_drift_sigma=DRIFT_SIGMA,
@@ -142,4 +147,4 @@ def navigate(found: Record, stage: Literal[1, 2, 3], sources: Pair, seed: int) -
             sigmas.append(phase_sigma_cycles(CDMA_DBHZ, found.dt_s))
     t = START_S + found.dt_s * np.arange(n)
     run = navigator.run(t, np.stack(phases, axis=1), np.array(sigmas), record=True)
-    return Stage(run, navigator.smooth())
+    return Stage(run, navigator.smooth(gains=gains))
