@@ -8,6 +8,7 @@
 
 #include "array.hpp"
 #include "register.hpp"
+#include "soopnav/estimation/chi_square.hpp"
 #include "soopnav/navigation/sop_fusion.hpp"
 
 namespace soopnav::python {
@@ -127,13 +128,13 @@ void register_sop_catalog(py::module_& module) {
   module.def(
       "sop_disagreement",
       [](const Numbers<"a">& a, const Numbers<"A">& A, const Numbers<"b">& b, const Numbers<"B">& B, bool independent) {
-        if (a.span().size() == 2) {
-          return navigation::disagreement(sop_one<2>(a, A, independent), sop_one<2>(b, B, independent));
-        }
-        return navigation::disagreement(sop_one<3>(a, A, independent), sop_one<3>(b, B, independent));
+        const bool two = a.span().size() == 2;
+        const double d2 = two ? navigation::disagreement(sop_one<2>(a, A, independent), sop_one<2>(b, B, independent))
+                              : navigation::disagreement(sop_one<3>(a, A, independent), sop_one<3>(b, B, independent));
+        return py::make_tuple(d2, regularized_gamma_q(two ? 1.0 : 1.5, 0.5 * d2));
       },
       py::arg("a"), py::arg("A"), py::arg("b"), py::arg("B"), py::arg("independent") = true,
-      "Squared Mahalanobis distance of two estimates.");
+      "Squared Mahalanobis distance of two estimates, and the probability of as much or more.");
   module.def(
       "sop_intersect",
       [](const Numbers<"a">& a, const Numbers<"A">& A, const Numbers<"b">& b, const Numbers<"B">& B) {
