@@ -2,13 +2,19 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "array.hpp"
 #include "register.hpp"
 #include "soopnav/estimation/chi_square.hpp"
+#include "soopnav/navigation/sop_catalog.hpp"
 #include "soopnav/navigation/sop_fusion.hpp"
 
 namespace soopnav::python {
@@ -88,9 +94,149 @@ py::tuple sop_intersect(const NumbersBase& a, const NumbersBase& A, const Number
   return py::make_tuple(found[0], found[1], weight);
 }
 
+using navigation::SopCatalog;
+using navigation::SopSource;
+
+constexpr double kSopMicrosecond = 1e-6;
+
+template <int N>
+void sop_part(const py::dict& from, const char* name, std::optional<SopEstimate<N>>& out) {
+  if (!from.contains(name) || from[name].is_none()) return;
+  const auto pair = from[name].cast<py::tuple>();
+  if (pair.size() != 2) throw std::invalid_argument(std::string(name) + ": (value, covariance) expected");
+  out = sop_one<N>(Numbers<"value">(pair[0]), Numbers<"covariance">(pair[1]), true);
+}
+
+SopSource sop_source(const py::dict& from) {
+  SopSource out;
+  out.id = from["id"].cast<std::string>();
+  out.name = from["name"].cast<std::string>();
+  const auto kind = from["kind"].cast<std::string>();
+  std::uint8_t k = 0;
+  while (k < 7 && navigation::to_string(static_cast<navigation::SopKind>(k)) != kind) ++k;
+  if (k == 7) throw std::invalid_argument("kind = " + kind + " must be a kind of source");
+  out.kind = static_cast<navigation::SopKind>(k);
+  out.carrier_hz = from["carrier_hz"].cast<double>();
+  out.contributions = from["contributions"].cast<std::uint32_t>();
+  out.newest_us = from["newest_us"].cast<std::int64_t>();
+  out.at_us = from["at_us"].cast<std::int64_t>();
+  const auto grade = from["grade"].cast<std::string>();
+  out.grade = grade.size() == 1 ? grade[0] : '?';
+  sop_part<3>(from, "position", out.position);
+  sop_part<2>(from, "clock", out.clock);
+  std::optional<SopEstimate<2>> noise;
+  sop_part<2>(from, "noise", noise);
+  if (noise) out.noise = navigation::SopNoise{noise->value, noise->covariance};
+  return out;
+}
+
+template <int N>
+py::object sop_or_none(const std::optional<SopEstimate<N>>& e) {
+  return e ? py::object(sop_tuple(*e)) : py::object(py::none());
+}
+
+py::dict sop_dict(const SopSource& source) {
+  py::dict out;
+  out["id"] = source.id;
+  out["name"] = py::reinterpret_steal<py::str>(
+      PyUnicode_DecodeUTF8(source.name.data(), static_cast<py::ssize_t>(source.name.size()), "replace"));
+  out["kind"] = std::string(navigation::to_string(source.kind));
+  out["carrier_hz"] = source.carrier_hz;
+  out["contributions"] = source.contributions;
+  out["newest_us"] = source.newest_us;
+  out["at_us"] = source.at_us;
+  out["grade"] = std::string(1, source.grade);
+  out["position"] = sop_or_none(source.position);
+  out["clock"] = sop_or_none(source.clock);
+  std::optional<SopEstimate<2>> noise;
+  if (source.noise) {
+    noise.emplace();
+    noise->value = source.noise->ln_h;
+    noise->covariance = source.noise->ln_covariance;
+  }
+  out["noise"] = sop_or_none(noise);
+  return out;
+}
+
+std::vector<std::string> sop_ids(const std::vector<const SopSource*>& found, std::size_t count) {
+  std::vector<std::string> out;
+  for (std::size_t i = 0; i < std::min(count, found.size()); ++i) out.push_back(found[i]->id);
+  return out;
+}
+
+const SopSource& sop_named(const SopCatalog& catalog, const std::string& id) {
+  const SopSource* const found = catalog.find(id);
+  if (found == nullptr) throw std::invalid_argument("id = " + id + " must be one of the catalogue's");
+  return *found;
+}
+
+Epoch sop_epoch(std::int64_t us) {
+  return {TimeScale::kUtc, us / 1'000'000, static_cast<double>(us % 1'000'000) * kSopMicrosecond};
+}
+
+py::dict sop_prior(const SopCatalog& catalog, const std::string& id, std::int64_t at_us) {
+  navigation::SopPrior prior;
+  if (!navigation::prior(sop_named(catalog, id), sop_epoch(at_us), prior)) {
+    throw std::invalid_argument("at_us: a time near enough for finite covariances expected");
+  }
+  SopEstimate<3> position;
+  position.value = prior.p_e_m;
+  position.covariance = prior.position_covariance_m2;
+  SopEstimate<2> clock;
+  clock.value = prior.clock;
+  clock.covariance = prior.clock_covariance;
+  py::dict out;
+  out["carrier_hz"] = prior.carrier_hz;
+  out["position"] = prior.has_position ? py::object(sop_tuple(position)) : py::object(py::none());
+  out["clock"] = prior.has_clock ? py::object(sop_tuple(clock)) : py::object(py::none());
+  out["has_noise"] = prior.has_noise;
+  out["noise"] = py::make_tuple(prior.noise.white_frequency_m2ps, prior.noise.frequency_walk_m2ps3);
+  return out;
+}
+
 }  // namespace
 
 void register_sop_catalog(py::module_& module) {
+  module.def(
+      "sop_write_snapshot",
+      [](const std::vector<py::dict>& sources, std::int64_t created_us) {
+        std::vector<SopSource> all;
+        all.reserve(sources.size());
+        for (const py::dict& source : sources) all.push_back(sop_source(source));
+        const std::vector<std::byte> out = navigation::write_snapshot(all, created_us);
+        return py::bytes(reinterpret_cast<const char*>(out.data()), out.size());
+      },
+      py::arg("sources"), py::arg("created_us"), "The bytes of a snapshot.");
+  py::class_<SopCatalog>(module, "SopCatalog", "Sources of a snapshot.")
+      .def(py::init([](const py::bytes& bytes) {
+             const std::string_view view(bytes);
+             return SopCatalog::read(std::as_bytes(std::span(view.data(), view.size())));
+           }),
+           py::arg("bytes"))
+      .def_property_readonly("created_us", &SopCatalog::created_us)
+      .def("__len__", [](const SopCatalog& self) { return self.sources().size(); })
+      .def("__repr__",
+           [](const SopCatalog& self) { return "SopCatalog(" + grouped(self.sources().size()) + " sources)"; })
+      .def("ids",
+           [](const SopCatalog& self) {
+             std::vector<std::string> out;
+             for (const SopSource& source : self.sources()) out.push_back(source.id);
+             return out;
+           })
+      .def(
+          "source", [](const SopCatalog& self, const std::string& id) { return sop_dict(sop_named(self, id)); },
+          py::arg("id"))
+      .def(
+          "near",
+          [](const SopCatalog& self, const Numbers<"p_e_m">& p_e_m, double radius_m) {
+            const auto p = p_e_m.span();
+            if (p.size() != 3) throw std::invalid_argument("p_e_m: three numbers expected");
+            std::vector<const SopSource*> found(self.sources().size());
+            const std::size_t count = self.near(Eigen::Vector3d(p[0], p[1], p[2]), radius_m, found);
+            return sop_ids(found, count);
+          },
+          py::arg("p_e_m"), py::arg("radius_m"))
+      .def("prior", &sop_prior, py::arg("id"), py::arg("at_us"));
   module.def(
       "sop_move_clock",
       [](const Numbers<"value">& value, const Numbers<"covariance">& covariance, double h0, double h_minus_2,
