@@ -1,0 +1,461 @@
+"""``soopnav sopdb``: the shared database of signals, both ends."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import click
+from rich.table import Table
+
+from soopnav_cpp.cli.ending import sentences, stdout
+from soopnav_cpp.cli.text import MINUS
+
+__all__ = ["sopdb"]
+
+_P = ParamSpec("_P")
+_KINDS = ("cdma", "gps", "iridium", "lte", "ofdm", "fm", "other")
+_SERVER = "http://127.0.0.1:8008"
+_SNAPSHOT = "signals.sopcat"
+
+
+def _server_options(command: Callable[_P, None]) -> Callable[_P, None]:
+    options = (
+        click.option(
+            "--server", envvar="SOOPNAV_SOPDB_URL", default=_SERVER, metavar="URL", help=f"[default: {_SERVER}]"
+        ),
+        click.option(
+            "--token",
+            envvar="SOOPNAV_SOPDB_TOKEN",
+            metavar="TOKEN",
+            help="Better in the environment variable SOOPNAV_SOPDB_TOKEN: options can be seen by others.",
+        ),
+        click.option("--insecure", is_flag=True, help="Send the token over plain HTTP to another machine."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _database_option(command: Callable[_P, None]) -> Callable[_P, None]:
+    return click.option(
+        "--db",
+        envvar="SOOPNAV_SOPDB_DB",
+        default="sqlite:///sopdb.sqlite3",
+        metavar="URL",
+        help="sqlite:///FILE or postgresql://USER@HOST/NAME.  [default: sqlite:///sopdb.sqlite3]",
+    )(command)
+
+
+class _Degrees(click.ParamType):
+    """``60.2,25.0``."""
+
+    name = "LAT,LON"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
+        try:
+            latitude, longitude = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value}: LAT,LON in degrees expected, such as 60.2,25.0", parameter, context)
+        if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
+            self.fail(f"{value}: LAT,LON in degrees expected, such as 60.2,25.0", parameter, context)
+        return latitude, longitude
+
+
+def _open(db: str) -> Any:
+    from soopnav_cpp._extras import require
+
+    require("sqlalchemy", "sopdb", "the signal database")
+    require("alembic", "sopdb", "the signal database")
+    from soopnav_cpp.sopdb.database import DatabaseUnavailableError
+    from soopnav_cpp.sopdb.store import Store
+
+    try:
+        return Store(db)
+    except DatabaseUnavailableError as error:
+        raise ValueError(str(error)) from error
+
+
+def _client(server: str, token: str | None, insecure: bool, snapshot: Path | None = None, **options: Any) -> Any:
+    from soopnav_cpp.sopdb.client import Client
+
+    return Client(server, token=token, insecure=insecure, snapshot=snapshot, **options)
+
+
+@click.group(short_help="The shared database of signals.")
+def sopdb() -> None:
+    """Keep, ask and feed a database of signals of opportunity: where each stands and how its clock runs.
+
+    \b
+      soopnav sopdb token create ALICE --role contribute      on the server: prints the token, once
+      soopnav sopdb serve                                     on the server
+      soopnav sopdb push tower.json                           with SOOPNAV_SOPDB_TOKEN set
+      soopnav sopdb pull                                      signals.sopcat, to work from without a network
+      soopnav sopdb show
+    """
+
+
+@sopdb.command()
+@_database_option
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8008, show_default=True)
+@click.option("--public-read", is_flag=True, help="Anybody may read; writing needs a token all the same.")
+@click.option("--tls-cert", type=click.Path(path_type=Path), metavar="PEM", help="Serve HTTPS with this certificate.")
+@click.option("--tls-key", type=click.Path(path_type=Path), metavar="PEM", help="And its key.")
+@click.option("--behind-proxy", is_flag=True, help="A proxy on this machine does the HTTPS; believe its addresses.")
+@sentences
+def serve(
+    db: str, host: str, port: int, public_read: bool, tls_cert: Path | None, tls_key: Path | None, behind_proxy: bool
+) -> None:
+    """Answer requests until interrupted.
+
+    The database is made, or brought up to date, when it is opened. The page is at the same address.
+    """
+    from soopnav_cpp._extras import require
+
+    uvicorn = require("uvicorn", "sopdb", "the signal database's service")
+    require("fastapi", "sopdb", "the signal database's service")
+    from soopnav_cpp.sopdb.service import create_app
+    from soopnav_cpp.sopdb.settings import ServiceSettings
+
+    if (tls_cert is None) != (tls_key is None):
+        raise ValueError("--tls-cert and --tls-key: both or neither expected")
+    for path in (tls_cert, tls_key):
+        if path is not None and not path.is_file():
+            raise FileNotFoundError(2, "no such file", str(path))
+    https = tls_cert is not None or behind_proxy
+    with _open(db) as store:
+        if not any(token["revoked_us"] is None for token in store.tokens()):
+            click.echo("no tokens yet: nobody can write; soopnav sopdb token create NAME --role contribute", err=True)
+        if not https and host not in ("127.0.0.1", "::1", "localhost"):
+            click.echo("without HTTPS anybody on the way can read tokens: --tls-cert, or a proxy", err=True)
+        app = create_app(store, ServiceSettings(public_read=public_read, https=https))
+        click.echo(f"http{'s' if tls_cert else ''}://{f'[{host}]' if ':' in host else host}:{port}", err=True)
+        uvicorn.run(
+            app,
+            host=host,
+            port=port,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=behind_proxy,
+            ssl_certfile=None if tls_cert is None else str(tls_cert),
+            ssl_keyfile=None if tls_key is None else str(tls_key),
+        )
+
+
+@sopdb.command()
+@click.argument("out", type=click.Path(path_type=Path), default=Path(_SNAPSHOT))
+@_server_options
+@sentences
+def pull(out: Path, server: str, token: str | None, insecure: bool) -> None:
+    """Download every source into OUT (signals.sopcat), to work from without a network.
+
+    Nothing is downloaded when nothing has changed. C++ reads the file as well: navigation::SopCatalog.
+    """
+    with _client(server, token, insecure) as client:
+        catalog, changed = client.pull(out)
+    when = catalog.created.isoformat(sep=" ", timespec="seconds").replace("+00:00", " UTC")
+    click.echo(f"{out}: {_many(len(catalog), 'source')} of {when}{'' if changed else ', as it was'}")
+
+
+def _bodies(path: Path) -> list[Any]:
+    """The characterisations of a file, checked; sentences that name the file."""
+    import pydantic
+
+    from soopnav_cpp.sopdb.records import Characterization
+
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: text of UTF-8 expected") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}:{error.lineno}: JSON expected: {error.msg}") from None
+    except RecursionError:
+        raise ValueError(f"{path}: JSON expected that is not nested so deep") from None
+    bodies = value if isinstance(value, list) else [value]
+    if not bodies:
+        raise ValueError(f"{path}: at least one characterisation expected")
+    out = []
+    for index, body in enumerate(bodies):
+        where = f"{path}[{index}]" if isinstance(value, list) else str(path)
+        try:
+            out.append(Characterization.model_validate(body))
+        except pydantic.ValidationError as error:
+            lines = [f"{where}: {_rule(detail)}" for detail in error.errors()]
+            raise ValueError("\n".join(lines)) from None
+    return out
+
+
+def _rule(detail: Any) -> str:
+    name = ".".join(str(part) for part in detail["loc"])
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"{name}: {message}" if name else message
+
+
+@sopdb.command()
+@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE...")
+@click.option("--check", is_flag=True, help="Check the files and send nothing.")
+@_server_options
+@sentences
+def push(files: tuple[Path, ...], check: bool, server: str, token: str | None, insecure: bool) -> None:
+    """Contribute the characterisations of each FILE (JSON: one, or a list).
+
+    All are checked before the first is sent. Sent again, the same one makes no second record. Exit code 1 when one was
+    put in quarantine: it is kept, and not used until others agree or an administrator releases it.
+    """
+    every = [(path, body) for path in files for body in _bodies(path)]
+    if check:
+        click.echo(f"{_many(len(every), 'characterisation')}: nothing wrong")
+        return
+    held = 0
+    with _client(server, token, insecure) as client:
+        for path, body in every:
+            receipt = client.push(body)
+            said = f"{path}: {body.source.kind} {body.source.name}: {receipt.status}"
+            click.echo(f"{said} as contribution {receipt.id} to source {receipt.source_id}")
+            for reason in receipt.reasons:
+                click.echo(f"  {reason}")
+            held += receipt.status != "accepted"
+    if held:
+        raise click.exceptions.Exit(1)
+
+
+@sopdb.command()
+@click.argument("source_id", metavar="[ID]", required=False)
+@click.option("--at", metavar="UTC", help="Bring clocks to this time, such as 2026-03-01T12:00:00Z.  [default: now]")
+@click.option("--kind", type=click.Choice(_KINDS), help="Sources of this kind.")
+@click.option("--near", type=_Degrees(), metavar="LAT,LON", help="Sources about a place.")
+@click.option("--radius", "radius_m", type=float, default=20e3, metavar="M", help="Of --near.  [default: 20e3]")
+@click.option(
+    "--snapshot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help=f"Ask this file and no server. Without it {_SNAPSHOT}, where it exists, answers for a server that does not.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+@_server_options
+@sentences
+def show(
+    source_id: str | None,
+    at: str | None,
+    kind: str | None,
+    near: tuple[float, float] | None,
+    radius_m: float,
+    snapshot: Path | None,
+    as_json: bool,
+    server: str,
+    token: str | None,
+    insecure: bool,
+) -> None:
+    """List what is known of the sources, or say everything about the one with ID."""
+    from soopnav_cpp.sopdb.client import Client
+    from soopnav_cpp.sopdb.records import utc
+    from soopnav_cpp.sopdb.snapshot import read
+
+    if not (radius_m > 0.0 and math.isfinite(radius_m)):
+        raise ValueError(f"--radius {radius_m:g}: a positive number expected")
+    try:
+        when = datetime.now(timezone.utc) if at is None else utc(at)
+    except ValueError as error:
+        raise ValueError(f"--at {at}: {error}") from None
+    catalog = None if snapshot is None else read(snapshot)
+    around = {"near": near, "radius_m": None if near is None else radius_m}
+    if catalog is not None:
+        if source_id is not None and source_id not in catalog:
+            raise ValueError(f"{snapshot} has no source {source_id}")
+        found = [catalog.source(source_id, when)] if source_id else Client._from_snapshot(catalog, when, kind, **around)
+    else:
+        fallback = Path(_SNAPSHOT)
+        with _client(server, token, insecure, fallback if fallback.exists() else None, retries=1) as client:
+            if source_id is not None:
+                found = [client.source(source_id, at=None if at is None else when)]
+            else:
+                found = list(client.sources(at=None if at is None else when, kind=kind, **around))
+            catalog = client.offline
+        if catalog is not None:
+            click.echo(f"{server} does not answer; this is {fallback}, {_ago(when - catalog.created)} old", err=True)
+            found = [catalog.source(source["id"], when) for source in found]  # clocks brought to now
+    if as_json:
+        click.echo(json.dumps(found[0] if source_id else found, indent=2, ensure_ascii=False, allow_nan=False))
+    elif source_id is not None:
+        _print_source(found[0])
+    else:
+        _print_table(found)
+
+
+@sopdb.group()
+def token() -> None:
+    """Who may read, contribute and administer. Works on the database itself, where it is."""
+
+
+@token.command("create")
+@click.argument("name")
+@click.option(
+    "--role", type=click.Choice(["read", "contribute", "admin"]), required=True, help="Each may what those before may."
+)
+@click.option("--days", type=click.FloatRange(min=0.0, min_open=True), metavar="N", help="Until when.  [default: ever]")
+@_database_option
+@sentences
+def token_create(name: str, role: str, days: float | None, db: str) -> None:
+    """Make a token for NAME and print it, alone on a line. It is not kept and cannot be shown again."""
+    if days is not None and not days <= 36500.0:
+        raise ValueError(f"--days {days:g}: at most 36500 expected")
+    end = None if days is None else datetime.now(timezone.utc) + timedelta(days=days)
+    with _open(db) as store:
+        made = store.create_token(name, role, expires_us=None if end is None else int(end.timestamp() * 1e6))
+    click.echo(
+        f"for {name}, role {role}, id {made.id}, {'' if end is None else f'until {end:%Y-%m-%d %H:%M} UTC'}".rstrip(
+            ", "
+        ),
+        err=True,
+    )
+    click.echo(made.text)
+
+
+@token.command("list")
+@_database_option
+@sentences
+def token_list(db: str) -> None:
+    """List the tokens, without their secrets."""
+    with _open(db) as store:
+        rows = store.tokens()
+    table = Table(box=None, pad_edge=False)
+    for column in ("id", "name", "role", "made", "until", ""):
+        table.add_column(column, no_wrap=True)
+    for row in rows:
+        table.add_row(row["id"], row["name"], row["role"], _day(row["created_us"]), _day(row["expires_us"]), _end(row))
+    stdout().print(table if rows else "no tokens", markup=False)
+
+
+@token.command("revoke")
+@click.argument("token_id", metavar="ID")
+@_database_option
+@sentences
+def token_revoke(token_id: str, db: str) -> None:
+    """End the token with ID at once."""
+    with _open(db) as store:
+        if not store.revoke_token(token_id):
+            raise ValueError(f"no token {token_id} that has not ended; soopnav sopdb token list names them")
+    click.echo(f"{token_id}: ended")
+
+
+@sopdb.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@_database_option
+@sentences
+def backup(out: Path, db: str) -> None:
+    """Copy the whole database into the new file OUT while it is in use (SQLite; for PostgreSQL there is pg_dump)."""
+    with _open(db) as store:
+        store.backup(out)
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _day(us: int | None) -> str:
+    return "" if us is None else f"{datetime.fromtimestamp(us / 1e6, tz=timezone.utc):%Y-%m-%d %H:%M}"
+
+
+def _end(row: Any) -> str:
+    if row["revoked_us"] is not None:
+        return f"ended {_day(row['revoked_us'])}"
+    expires = row["expires_us"]
+    return "expired" if expires is not None and expires <= datetime.now(timezone.utc).timestamp() * 1e6 else ""
+
+
+def _ago(age: timedelta) -> str:
+    seconds = max(0.0, age.total_seconds())
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _scaled(value: float, unit: str = "s") -> str:
+    """``−3.2 ns``: three digits with a prefix."""
+    if value == 0.0:
+        return f"0 {unit}"
+    prefixes = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p", -15: "f"}
+    power = min(0, max(-15, 3 * math.floor(math.log10(abs(value) * (1 + 1e-9)) / 3)))
+    return f"{value / 10.0**power:.3g} {prefixes[power]}{unit}".replace("-", MINUS)
+
+
+def _power(value: float) -> str:
+    return f"{value:.2g}".replace("e-0", "e-").replace("-", MINUS)
+
+
+def _clock_text(clock: Any) -> tuple[str, str]:
+    if clock is None:
+        return "", ""
+    bias = f"{_scaled(clock['bias_s'])} ± {_scaled(math.sqrt(clock['covariance'][0][0]))}"
+    return bias, f"{_power(clock['drift'])} ± {_power(math.sqrt(clock['covariance'][1][1]))}"
+
+
+def _place_text(position: Any) -> str:
+    if position is None:
+        return ""
+    place = f"{position['latitude_deg']:.5f}, {position['longitude_deg']:.5f}".replace("-", MINUS)
+    return f"{place} ± {position['sigma_m']:.3g} m"
+
+
+def _print_table(sources: Sequence[Any]) -> None:
+    if not sources:
+        click.echo("no sources")
+        return
+    table = Table(box=None, pad_edge=False)
+    for column, justify in (
+        ("id", "left"), ("kind", "left"), ("name", "left"), ("MHz", "right"), ("place", "left"),
+        ("clock ahead", "right"), ("drift", "right"), ("from", "right"), ("age", "right"), ("grade", "center"),
+    ):  # fmt: skip
+        table.add_column(column, justify=justify, no_wrap=column != "name")  # type: ignore[arg-type]
+    for source in sources:
+        quality = source["quality"]
+        age = "" if quality["age_s"] is None else _ago(timedelta(seconds=quality["age_s"]))
+        table.add_row(
+            source["id"],
+            source["kind"],
+            source["name"],
+            f"{source['carrier_hz'] / 1e6:.3f}",
+            _place_text(source["position"]),
+            *_clock_text(source["clock"]),
+            str(quality["contributions"]),
+            age,
+            quality["grade"],
+        )
+    stdout().print(table, markup=False)
+
+
+def _print_source(source: Any) -> None:
+    position, clock, noise, quality = (source[name] for name in ("position", "clock", "noise", "quality"))
+    rows = [
+        ("source", f"{source['id']}: {source['kind']} {source['name']}, {source['carrier_hz'] / 1e6:.6f} MHz"),
+        ("place", f"{_place_text(position)}, height {position['height_m']:.1f} m" if position else "not known"),
+    ]
+    if clock is None:
+        rows.append(("clock", "not known"))
+    else:
+        bias, drift = _clock_text(clock)
+        rows += [("clock ahead", f"{bias} at {clock['epoch']}"), ("drift", drift)]
+    if noise is None:
+        rows.append(("noise", "not known; a TCXO's is supposed" if clock else "not known"))
+    else:
+        for k, (name, value, unit) in enumerate((("h0", noise["h0_s"], "s"), ("h-2", noise["h_minus2_per_s"], "Hz"))):
+            factor = math.exp(math.sqrt(noise["ln_covariance"][k][k]))
+            rows.append((name.replace("-", MINUS), f"{_power(value)} {unit}, within a factor {factor:.3g}"))
+        deviations = [
+            math.sqrt(noise["h0_s"] / (2 * tau) + 2 * math.pi**2 / 3 * noise["h_minus2_per_s"] * tau)
+            for tau in (1.0, 100.0)
+        ]
+        rows.append(("Allan deviation", f"{_power(deviations[0])} at 1 s, {_power(deviations[1])} at 100 s"))
+    age = "" if quality["age_s"] is None else f", the newest {_ago(timedelta(seconds=quality['age_s']))} old"
+    rows.append(("from", f"{_many(quality['contributions'], 'contribution')}{age}; grade {quality['grade']}"))
+    width = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        click.echo(f"{name:<{width}}  {text}")
