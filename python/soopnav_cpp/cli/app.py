@@ -14,6 +14,7 @@ from soopnav_cpp.cli import calibrate as _calibrate
 from soopnav_cpp.cli import camera, finding
 from soopnav_cpp.cli import passes as _passes
 from soopnav_cpp.cli import peer as _peer
+from soopnav_cpp.cli import sopdb as _sopdb
 from soopnav_cpp.cli.ending import sentences as _sentences
 from soopnav_cpp.cli.ending import stdout as _stdout
 from soopnav_cpp.cli.progress import progress
@@ -67,6 +68,7 @@ def cli() -> None:
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
       soopnav peer --role anchor --source city.sigmf-meta --listen 0.0.0.0:7000 --orbits sky.tle --at 60.2,25.0,20
       soopnav caf roof.sigmf-meta car.sigmf-meta --plot caf.png
+      soopnav sopdb show --near 60.2,25.0
       soopnav run crossing.toml --runs 100
       soopnav reproduce 'nielsen-*' --out figures
       soopnav bench rts
@@ -403,6 +405,7 @@ cli.add_command(finding.df)
 cli.add_command(finding.locate_emitter)
 cli.add_command(camera.egomotion)
 cli.add_command(_peer.peer)
+cli.add_command(_sopdb.sopdb)
 
 
 @cli.command(short_help="Run a scenario: trajectory, metrics, figures, report.")

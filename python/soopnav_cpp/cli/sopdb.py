@@ -253,7 +253,6 @@ def show(
     insecure: bool,
 ) -> None:
     """List what is known of the sources, or say everything about the one with ID."""
-    from soopnav_cpp.sopdb.client import Client
     from soopnav_cpp.sopdb.records import utc
     from soopnav_cpp.sopdb.snapshot import read
 
@@ -264,18 +263,22 @@ def show(
     except ValueError as error:
         raise ValueError(f"--at {at}: {error}") from None
     catalog = None if snapshot is None else read(snapshot)
-    around = {"near": near, "radius_m": None if near is None else radius_m}
+    asked = None if at is None else when
+    within_m = None if near is None else radius_m
     if catalog is not None:
         if source_id is not None and source_id not in catalog:
             raise ValueError(f"{snapshot} has no source {source_id}")
-        found = [catalog.source(source_id, when)] if source_id else Client._from_snapshot(catalog, when, kind, **around)
+        if source_id is not None:
+            found = [catalog.source(source_id, when)]
+        else:
+            found = catalog.sources(when, kind=kind, near=near, radius_m=within_m)
     else:
         fallback = Path(_SNAPSHOT)
         with _client(server, token, insecure, fallback if fallback.exists() else None, retries=1) as client:
             if source_id is not None:
-                found = [client.source(source_id, at=None if at is None else when)]
+                found = [client.source(source_id, at=asked)]
             else:
-                found = list(client.sources(at=None if at is None else when, kind=kind, **around))
+                found = list(client.sources(at=asked, kind=kind, near=near, radius_m=within_m))
             catalog = client.offline
         if catalog is not None:
             click.echo(f"{server} does not answer; this is {fallback}, {_ago(when - catalog.created)} old", err=True)
@@ -449,10 +452,9 @@ def _print_source(source: Any) -> None:
         for k, (name, value, unit) in enumerate((("h0", noise["h0_s"], "s"), ("h-2", noise["h_minus2_per_s"], "Hz"))):
             factor = math.exp(math.sqrt(noise["ln_covariance"][k][k]))
             rows.append((name.replace("-", MINUS), f"{_power(value)} {unit}, within a factor {factor:.3g}"))
-        deviations = [
-            math.sqrt(noise["h0_s"] / (2 * tau) + 2 * math.pi**2 / 3 * noise["h_minus2_per_s"] * tau)
-            for tau in (1.0, 100.0)
-        ]
+        from soopnav_cpp.clock import TwoState
+
+        deviations = TwoState(noise["h0_s"], noise["h_minus2_per_s"]).allan_deviation([1.0, 100.0])
         rows.append(("Allan deviation", f"{_power(deviations[0])} at 1 s, {_power(deviations[1])} at 100 s"))
     age = "" if quality["age_s"] is None else f", the newest {_ago(timedelta(seconds=quality['age_s']))} old"
     rows.append(("from", f"{_many(quality['contributions'], 'contribution')}{age}; grade {quality['grade']}"))

@@ -19,10 +19,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import numpy as np
 import pydantic
 
-from soopnav_cpp import geometry
 from soopnav_cpp._extras import require
 from soopnav_cpp.sopdb import snapshot as _snapshot
 from soopnav_cpp.sopdb.records import AnsweredSource, Characterization
@@ -322,7 +320,7 @@ class Client:
                 self.offline = None
             except UnreachableError as error:
                 catalog = self._fall_back(error)
-                for source in self._from_snapshot(catalog, at, kind, near, radius_m):
+                for source in catalog.sources(at, kind=kind, near=near, radius_m=radius_m):
                     if source["id"] not in seen:
                         yield source
                 return
@@ -336,20 +334,6 @@ class Client:
             if following is None or following == cursor:
                 return
             cursor = following
-
-    @staticmethod
-    def _from_snapshot(
-        catalog: Catalog,
-        at: datetime | None,
-        kind: str | None,
-        near: tuple[float, float] | None,
-        radius_m: float | None,
-    ) -> list[dict[str, Any]]:
-        if near is None or radius_m is None:
-            return catalog.sources(at, kind=kind)
-        p_e = geometry.geodetic_to_ecef(np.radians(near[0]), np.radians(near[1]), 0.0)
-        found = (catalog.source(source_id, at) for source_id in catalog.near(p_e, radius_m))
-        return [source for source in found if kind is None or source["kind"] == kind]
 
     def source(self, source_id: str, *, at: datetime | None = None) -> dict[str, Any]:
         """A source, brought to a time.

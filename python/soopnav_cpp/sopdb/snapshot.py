@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from soopnav_cpp import geometry
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp.clock import ClockNoise
 from soopnav_cpp.sopdb.fusion import Estimate, SourceState
@@ -161,9 +162,28 @@ class Catalog:
             },
         }
 
-    def sources(self, at: datetime | None = None, *, kind: str | None = None) -> list[dict[str, Any]]:
-        """Every source, or those of a kind, as `source` gives them."""
-        every = (self.source(source_id, at) for source_id in self)
+    def sources(
+        self,
+        at: datetime | None = None,
+        *,
+        kind: str | None = None,
+        near: tuple[float, float] | None = None,
+        radius_m: float | None = None,
+    ) -> list[dict[str, Any]]:
+        """Every source, or those of a kind, as `source` gives them; about a place the nearest first.
+
+        Parameters
+        ----------
+        at : datetime, optional
+        kind : str, optional
+        near : (latitude, longitude) in degrees, optional
+            Together with `radius_m`; at height 0.
+        radius_m : float, optional
+        """
+        ids: Iterable[str] = self
+        if near is not None and radius_m is not None:
+            ids = self.near(geometry.geodetic_to_ecef(np.radians(near[0]), np.radians(near[1]), 0.0), radius_m)
+        every = (self.source(source_id, at) for source_id in ids)
         return [source for source in every if kind is None or source["kind"] == kind]
 
     def near(self, p_e_m: npt.ArrayLike, radius_m: float) -> list[str]:
