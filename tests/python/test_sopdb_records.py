@@ -91,7 +91,7 @@ def test_a_body_reads_and_comes_back() -> None:
         ("clock.covariance", [[0, 0], [0, 1e-22]], "variance [0][0] = 0 must be in"),
         ("clock.covariance", [[1e-18, 1e-18], [1e-18, 1e-22]], "positive semi-definite"),
         ("noise.h0_s", -1e-23, "greater than or equal to"),
-        ("noise.ln_covariance", [[26, 0], [0, 1]], "variance [0][0] = 26 must be in"),
+        ("noise.ln_covariance", [[65, 0], [0, 1]], "variance [0][0] = 65 must be in"),
         ("provenance.method", "guess", "Input should be"),
         ("provenance.independent", "yes", "valid boolean"),
         ("quality.duration_s", 0, "greater than 0"),

@@ -185,7 +185,7 @@ class Noise(_Record):
     @pydantic.field_validator("ln_covariance")
     @classmethod
     def _of_logs(cls, value: Matrix2) -> Matrix2:
-        _covariance(value, [1e-8] * 2, [25.0] * 2)
+        _covariance(value, [1e-8] * 2, [64.0] * 2)
         return value
 
 
