@@ -19,7 +19,7 @@ __all__ = ["sopdb"]
 
 _P = ParamSpec("_P")
 _KINDS = ("cdma", "gps", "iridium", "lte", "ofdm", "fm", "other")
-_SERVER = "http://127.0.0.1:8008"
+_SERVER = "http://127.0.0.1:8765"
 _SNAPSHOT = "signals.sopcat"
 
 
@@ -102,49 +102,40 @@ def sopdb() -> None:
 @sopdb.command()
 @_database_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("--port", type=click.IntRange(0, 65535), default=8008, show_default=True)
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free.")
+@click.option("--unix", type=click.Path(path_type=Path), metavar="PATH", help="A Unix socket in place of both.")
 @click.option("--public-read", is_flag=True, help="Anybody may read; writing needs a token all the same.")
-@click.option("--tls-cert", type=click.Path(path_type=Path), metavar="PEM", help="Serve HTTPS with this certificate.")
-@click.option("--tls-key", type=click.Path(path_type=Path), metavar="PEM", help="And its key.")
-@click.option("--behind-proxy", is_flag=True, help="A proxy on this machine does the HTTPS; believe its addresses.")
+@click.option("--https", is_flag=True, help="A proxy in front speaks HTTPS: browsers are told to insist on it.")
+@click.option("--proxies", metavar="ADDRESSES", help="Of proxies that are believed who asks, with commas between.")
 @sentences
 def serve(
-    db: str, host: str, port: int, public_read: bool, tls_cert: Path | None, tls_key: Path | None, behind_proxy: bool
+    db: str, host: str, port: int, unix: Path | None, public_read: bool, https: bool, proxies: str | None
 ) -> None:
     """Answer requests until interrupted.
 
-    The database is made, or brought up to date, when it is opened. The page is at the same address.
+    The database is made, or brought up to date, when it is opened. The web page is at the same address. Over a network
+    a proxy that speaks HTTPS belongs in front, for tokens must not be read on the way.
     """
     from soopnav_cpp._extras import require
 
-    uvicorn = require("uvicorn", "sopdb", "the signal database's service")
+    require("uvicorn", "sopdb", "the signal database's service")
     require("fastapi", "sopdb", "the signal database's service")
-    from soopnav_cpp.sopdb.service import create_app
+    require("sqlalchemy", "sopdb", "the signal database's service")
+    from soopnav_cpp.sopdb import server
     from soopnav_cpp.sopdb.settings import ServiceSettings
 
-    if (tls_cert is None) != (tls_key is None):
-        raise ValueError("--tls-cert and --tls-key: both or neither expected")
-    for path in (tls_cert, tls_key):
-        if path is not None and not path.is_file():
-            raise FileNotFoundError(2, "no such file", str(path))
-    https = tls_cert is not None or behind_proxy
     with _open(db) as store:
         if not any(token["revoked_us"] is None for token in store.tokens()):
             click.echo("no tokens yet: nobody can write; soopnav sopdb token create NAME --role contribute", err=True)
-        if not https and host not in ("127.0.0.1", "::1", "localhost"):
-            click.echo("without HTTPS anybody on the way can read tokens: --tls-cert, or a proxy", err=True)
-        app = create_app(store, ServiceSettings(public_read=public_read, https=https))
-        click.echo(f"http{'s' if tls_cert else ''}://{f'[{host}]' if ':' in host else host}:{port}", err=True)
-        uvicorn.run(
-            app,
-            host=host,
-            port=port,
+        if not https and unix is None and host not in ("127.0.0.1", "::1", "localhost"):
+            click.echo("without HTTPS anybody on the way can read tokens: put a proxy in front", err=True)
+        server.serve(
+            store,
+            ServiceSettings(public_read=public_read, https=https),
+            at=server.listen(host, port, unix=unix),
+            proxies=proxies,
             log_level="warning",
-            access_log=False,
-            server_header=False,
-            proxy_headers=behind_proxy,
-            ssl_certfile=None if tls_cert is None else str(tls_cert),
-            ssl_keyfile=None if tls_key is None else str(tls_key),
+            ready=lambda url: click.echo(f"answering at {url}", err=True),
         )
 
 
@@ -311,12 +302,8 @@ def token_create(name: str, role: str, days: float | None, db: str) -> None:
     end = None if days is None else datetime.now(timezone.utc) + timedelta(days=days)
     with _open(db) as store:
         made = store.create_token(name, role, expires_us=None if end is None else int(end.timestamp() * 1e6))
-    click.echo(
-        f"for {name}, role {role}, id {made.id}, {'' if end is None else f'until {end:%Y-%m-%d %H:%M} UTC'}".rstrip(
-            ", "
-        ),
-        err=True,
-    )
+    until = "" if end is None else f", until {end:%Y-%m-%d %H:%M} UTC"
+    click.echo(f"for {name}, role {role}, id {made.id}{until}", err=True)
     click.echo(made.text)
 
 

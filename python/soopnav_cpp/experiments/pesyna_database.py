@@ -90,19 +90,27 @@ def first(seed: int) -> First:
     return First(noise, clocks, np.array(truth), coherence(error))
 
 
-def second(seed: int, downloaded: dict[int, Sources]) -> list[float]:
-    """Coherence of second receivers that take the downloaded noise.
+def second(seed: int, downloaded: dict[int, tuple[Sources, Sources]]) -> list[float]:
+    """Coherence of second receivers that take downloaded noise.
+
+    Parameters
+    ----------
+    seed : int
+        Of the first receiver's run.
+    downloaded : dict
+        By seed, what the first receiver of that run contributed, and what that of another run did.
 
     Returns
     -------
     list
-        At another epoch; at the first's epoch; at another epoch with the two basestations' noise swapped.
+        At another epoch; at the first's epoch, with what another run's receiver contributed before; at another epoch
+        with the two basestations' noise swapped.
     """
-    sources = downloaded[seed]
+    sources, earlier = downloaded[seed]
     elsewhere, beside = seed ^ 0x5EC0, seed ^ 0xBE51
     return [
         coherence(setup.aided_clock_error(elsewhere, characterization=sources)),
-        coherence(setup.aided_clock_error(beside, characterization=sources, source_seed=seed)),
+        coherence(setup.aided_clock_error(beside, characterization=earlier, source_seed=seed)),
         coherence(setup.aided_clock_error(elsewhere, characterization=(sources[1], sources[0]))),
     ]
 
@@ -206,29 +214,32 @@ def database(lab: Lab) -> Iterator[Claim]:
     """First receivers characterise, second ones use what the service answers."""
     found = lab.map(first)
     noise, nees, accepted = exchange(found)
-    others = np.array(lab.map(second, dict(zip(lab.seeds, noise, strict=True))))
+    earlier = noise[-1:] + noise[:-1]
+    table = dict(zip(lab.seeds, zip(noise, earlier, strict=True), strict=True))
+    others = np.array(lab.map(second, table))
     own = np.array([one.coherence for one in found])
     elsewhere, beside, swapped = others.T
     within = np.abs(beside / own - 1.0) <= 0.1
 
-    with lab.figure(9.6, 4.0) as figure:
+    with lab.figure(10.8, 4.0) as figure:
         left, middle, right = figure.subplots(1, 3)
         bins = np.linspace(0.0, 1.0, 41)
         curves = (("own stage 2", own, BLUE), ("downloaded", elsewhere, GREEN), ("swapped", swapped, RED))
         for _, values, colour in curves:
             left.hist(values, bins, histtype="step", lw=1.4, color=colour)
-            left.axvline(values.mean(), color=colour, ls=":", lw=1.0)
-        top = left.get_ylim()[1]
+            left.axvline(values.mean(), 0.0, 0.68, color=colour, ls=":", lw=1.0)
+        top = left.get_ylim()[1] * 1.12
+        left.set_ylim(0.0, top)
         for k, (name, values, colour) in enumerate(curves):
-            left.text(0.03, top * (0.93 - 0.075 * k), f"{name}: {values.mean():.3f}", color=colour, fontsize=8)
-        style(left, "Coherence of the CDMA-only clock", f"C²({WINDOW_S:g} s)", "runs")
+            left.text(0.03, top * (0.93 - 0.075 * k), f"{name}: mean {values.mean():.3f}", color=colour, fontsize=8)
+        style(left, "CDMA-only clock", f"C²({WINDOW_S:g} s)", "runs")
         middle.plot(own, beside, "o", ms=2.5, color=BLUE, alpha=0.6)
         low = min(own.min(), beside.min()) - 0.02
         line = np.array([low, 1.0])
         middle.plot(line, line, color="0.4", lw=0.8)
         middle.fill_between(line, 0.9 * line, 1.1 * line, color="0.9", zorder=0)
         middle.set(xlim=(low, 1.0), ylim=(low, 1.0))
-        style(middle, "Same epoch, two receivers", "first receiver, own stage 2", "second, downloaded")
+        style(middle, "Same epoch, two receivers", "C² of the first, own stage 2", "C² of the second, downloaded")
         spread = 4.0 * nees.std(axis=(0, 1)) / math.sqrt(nees.shape[0] * nees.shape[1])
         right.axhline(2.0, color="0.4", lw=0.8)
         right.errorbar(AGES_S, nees.mean(axis=(0, 1)), spread, fmt="o", ms=4, lw=1.2, color=AMBER)

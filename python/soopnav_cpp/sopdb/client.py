@@ -108,8 +108,8 @@ class Client:
         Send a token over plain HTTP to another machine all the same.
     http : httpx.Client, optional
         To send requests with, such as a test's.
-    sleep : callable
-        Waits so many seconds.
+    sleep : callable, optional
+        Waits so many seconds, in place of ``time.sleep``.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class Client:
         snapshot: str | os.PathLike[str] | None = None,
         insecure: bool = False,
         http: Any = None,
-        sleep: Callable[[float], None] = time.sleep,
+        sleep: Callable[[float], None] | None = None,
     ) -> None:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.username:
@@ -149,7 +149,7 @@ class Client:
         self._retries = retries
         self._patience_s = patience_s
         self._path = None if snapshot is None else Path(snapshot)
-        self._sleep = sleep
+        self._sleep = sleep if sleep is not None else time.sleep
         self._kept: dict[str, tuple[str, Any]] = {}
         #: The catalogue that answered in the service's place; None when the service did.
         self.offline: Catalog | None = None
