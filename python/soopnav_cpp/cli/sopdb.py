@@ -51,19 +51,18 @@ def _database_option(command: Callable[_P, None]) -> Callable[_P, None]:
     )(command)
 
 
-class _Degrees(click.ParamType):
+def _degrees(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, float] | None:
     """``60.2,25.0``."""
-
-    name = "LAT,LON"
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
-        try:
-            latitude, longitude = (float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value}: LAT,LON in degrees expected, such as 60.2,25.0", parameter, context)
-        if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
-            self.fail(f"{value}: LAT,LON in degrees expected, such as 60.2,25.0", parameter, context)
-        return latitude, longitude
+    del context, parameter
+    if value is None:
+        return None
+    try:
+        latitude, longitude = (float(part) for part in value.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
+        raise click.BadParameter(f"{value}: LAT,LON in degrees expected, such as 60.2,25.0")
+    return latitude, longitude
 
 
 def _open(db: str) -> Any:
@@ -99,7 +98,7 @@ def sopdb() -> None:
     """
 
 
-@sopdb.command()
+@sopdb.command(short_help="Answer requests, and show the web page.")
 @_database_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free.")
@@ -139,7 +138,7 @@ def serve(
         )
 
 
-@sopdb.command()
+@sopdb.command(short_help="Download everything, to work without a network.")
 @click.argument("out", type=click.Path(path_type=Path), default=Path(_SNAPSHOT))
 @_server_options
 @sentences
@@ -188,7 +187,7 @@ def _rule(detail: Any) -> str:
     return f"{name}: {message}" if name else message
 
 
-@sopdb.command()
+@sopdb.command(short_help="Contribute characterisations.")
 @click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE...")
 @click.option("--check", is_flag=True, help="Check the files and send nothing.")
 @_server_options
@@ -216,11 +215,11 @@ def push(files: tuple[Path, ...], check: bool, server: str, token: str | None, i
         raise click.exceptions.Exit(1)
 
 
-@sopdb.command()
+@sopdb.command(short_help="What is known of the sources, or of one.")
 @click.argument("source_id", metavar="[ID]", required=False)
 @click.option("--at", metavar="UTC", help="Bring clocks to this time, such as 2026-03-01T12:00:00Z.  [default: now]")
 @click.option("--kind", type=click.Choice(_KINDS), help="Sources of this kind.")
-@click.option("--near", type=_Degrees(), metavar="LAT,LON", help="Sources about a place.")
+@click.option("--near", callback=_degrees, metavar="LAT,LON", help="Sources about a place.")
 @click.option("--radius", "radius_m", type=float, default=20e3, metavar="M", help="Of --near.  [default: 20e3]")
 @click.option(
     "--snapshot",
@@ -282,12 +281,12 @@ def show(
         _print_table(found)
 
 
-@sopdb.group()
+@sopdb.group(short_help="Who may read, contribute and administer.")
 def token() -> None:
     """Who may read, contribute and administer. Works on the database itself, where it is."""
 
 
-@token.command("create")
+@token.command("create", short_help="Make a token and print it.")
 @click.argument("name")
 @click.option(
     "--role", type=click.Choice(["read", "contribute", "admin"]), required=True, help="Each may what those before may."
@@ -307,7 +306,7 @@ def token_create(name: str, role: str, days: float | None, db: str) -> None:
     click.echo(made.text)
 
 
-@token.command("list")
+@token.command("list", short_help="List the tokens, without their secrets.")
 @_database_option
 @sentences
 def token_list(db: str) -> None:
@@ -322,7 +321,7 @@ def token_list(db: str) -> None:
     stdout().print(table if rows else "no tokens", markup=False)
 
 
-@token.command("revoke")
+@token.command("revoke", short_help="End a token at once.")
 @click.argument("token_id", metavar="ID")
 @_database_option
 @sentences
@@ -334,7 +333,7 @@ def token_revoke(token_id: str, db: str) -> None:
     click.echo(f"{token_id}: ended")
 
 
-@sopdb.command()
+@sopdb.command(short_help="Copy the database while it is in use.")
 @click.argument("out", type=click.Path(path_type=Path))
 @_database_option
 @sentences
@@ -402,9 +401,10 @@ def _print_table(sources: Sequence[Any]) -> None:
     table = Table(box=None, pad_edge=False)
     for column, justify in (
         ("id", "left"), ("kind", "left"), ("name", "left"), ("MHz", "right"), ("place", "left"),
-        ("clock ahead", "right"), ("drift", "right"), ("from", "right"), ("age", "right"), ("grade", "center"),
+        ("clock ahead", "right"), ("from", "right"), ("age", "right"), ("grade", "center"),
     ):  # fmt: skip
-        table.add_column(column, justify=justify, no_wrap=column != "name")  # type: ignore[arg-type]
+        named = column == "name"
+        table.add_column(column, justify=justify, no_wrap=not named, min_width=12 if named else None)  # type: ignore[arg-type]
     for source in sources:
         quality = source["quality"]
         age = "" if quality["age_s"] is None else _ago(timedelta(seconds=quality["age_s"]))
@@ -414,7 +414,7 @@ def _print_table(sources: Sequence[Any]) -> None:
             source["name"],
             f"{source['carrier_hz'] / 1e6:.3f}",
             _place_text(source["position"]),
-            *_clock_text(source["clock"]),
+            _clock_text(source["clock"])[0],
             str(quality["contributions"]),
             age,
             quality["grade"],
