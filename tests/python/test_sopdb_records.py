@@ -195,6 +195,24 @@ def test_python_and_cpp_bring_a_clock_to_the_same_time() -> None:
     assert catalog.prior("b", later).noise == pytest.approx(TwoState.tcxo().noise)
 
 
+def test_a_navigator_starts_a_source_from_the_catalogue() -> None:
+    pytest.importorskip("soopnav_cpp._opportunistic")
+    from soopnav_cpp import navigation
+
+    later = NOON + timedelta(hours=1)
+    catalog = snapshot.Catalog(snapshot.encode([answered("a"), answered("b", part="clock")], NOON))
+    navigator = navigation.OpportunisticNavigator(
+        [6378137.0, 0.0, 0.0], 100.0, clock=TwoState.tcxo().noise, motion="static"
+    )
+    for name in catalog:
+        navigator.add_source(name, "cdma", **catalog.prior(name, later).as_source())
+    start = catalog.prior("a", later).as_source()
+    source = catalog.source("a", later)
+    assert start["clock_bias_s"] == pytest.approx(source["clock"]["bias_s"], rel=1e-12)
+    np.testing.assert_allclose(start["clock_covariance"], source["clock"]["covariance"], rtol=1e-9)
+    assert "clock_bias_s" not in catalog.prior("b", later).as_source()
+
+
 def test_files_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "signals.sopcat"
     data = snapshot.encode([answered("a")], NOON)

@@ -28,6 +28,7 @@ __all__ = ["SUFFIX", "Catalog", "Prior", "encode", "read", "write"]
 SUFFIX = ".sopcat"
 _ORIGIN = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _MICROSECOND = timedelta(microseconds=1)
+_LIGHT_MPS = 299_792_458.0
 
 
 def _microseconds(at: datetime) -> int:
@@ -59,6 +60,24 @@ class Prior:
     clock: Estimate | None
     noise: ClockNoise
     noise_known: bool
+
+    def as_source(self) -> dict[str, Any]:
+        """Arguments of `soopnav_cpp.navigation.OpportunisticNavigator.add_source`, by name.
+
+        ``navigator.add_source("tower", "cdma", **prior.as_source())``: position and clock are estimated from here on,
+        each where the catalogue has it; a clock without offset starts from the navigator's own prior.
+        """
+        out: dict[str, Any] = {"carrier_hz": self.carrier_hz, "clock": self.noise}
+        if self.position is not None:
+            out |= {"position_e_m": self.position.value, "position_sigma_m": self.position.covariance}
+        if self.clock is not None:
+            bias_s, drift = (self.clock.value / _LIGHT_MPS).tolist()
+            out |= {
+                "clock_bias_s": bias_s,
+                "clock_drift": drift,
+                "clock_covariance": self.clock.covariance / _LIGHT_MPS**2,
+            }
+        return out
 
 
 def _record(source: Mapping[str, Any]) -> dict[str, Any]:
