@@ -1,0 +1,216 @@
+"""Answers about sources as the bytes that are sent, kept until something changes.
+
+Everything kept belongs to one version of the database and is dropped with it, so an answer is never older than the
+last acknowledged write. Without an asked time the answer is that of the running second.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from soopnav_cpp.sopdb.auth import Grant
+from soopnav_cpp.sopdb.fusion import Entry, SourceState, answer_quality, fuse, stability
+from soopnav_cpp.sopdb.records import Characterization
+from soopnav_cpp.sopdb.schema import from_us
+from soopnav_cpp.sopdb.store import FusedRow, Search, Store
+
+__all__ = ["Answer", "Answers"]
+
+_SECOND_US = 1_000_000
+_MINUTE_US = 60 * _SECOND_US
+_MOST_SOURCES = 20_000
+_MOST_BODIES = 2_000
+_TAU_S = np.logspace(-1.0, 4.0, 51)
+#: A contribution that holds when it came: a voice of `answer_quality`, of which only the time matters.
+_SILENT = Characterization.model_construct(clock=None)
+
+
+class Answer(NamedTuple):
+    """Bytes to send and their ETag: strong for an asked time, otherwise weak and new every minute."""
+
+    body: bytes
+    etag: str
+
+
+class _Prepared(NamedTuple):
+    row: FusedRow
+    state: SourceState
+    contributions: int
+    voices: int
+
+
+class _Kept:
+    """What belongs to one version of the database. Written by several threads at once, each item in one step."""
+
+    def __init__(self, changed: int, version: int) -> None:
+        self.changed = changed
+        self.version = version
+        self.sources: dict[int, _Prepared] = {}
+        self.bodies: dict[Any, Answer | None] = {}
+        self.grants: dict[str, Grant | None] = {}
+
+
+def _keep(table: dict[Any, Any], key: Any, value: Any, most: int) -> None:
+    if len(table) >= most:
+        table.clear()
+    table[key] = value
+
+
+def _digest(*parts: bytes) -> str:
+    digest = hashlib.blake2b(digest_size=12)
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+
+
+def zulu(at: datetime) -> str:
+    """A time of UTC in ISO 8601."""
+    return at.isoformat().replace("+00:00", "Z")
+
+
+class Answers:
+    """Answers from a store.
+
+    Parameters
+    ----------
+    store : Store
+    fresh_s : float
+        Another process's writes are looked for this often; 0: at every request.
+    """
+
+    def __init__(self, store: Store, fresh_s: float = 0.0) -> None:
+        self._store = store
+        self._fresh_s = fresh_s
+        self._looked_s = -1.0
+        self._commits = -1
+        self._kept = _Kept(-1, -1)
+
+    def refresh(self) -> int:
+        """Drop what another version of the database said; the version now."""
+        now_s, commits = time.monotonic(), self._store.commits
+        if self._fresh_s and commits == self._commits and now_s - self._looked_s < self._fresh_s:
+            return self._kept.version
+        changed = self._store.changed()
+        kept = self._kept
+        if changed != kept.changed:
+            version = self._store.version()
+            if version == kept.version:
+                kept.changed = changed
+            else:
+                self._kept = _Kept(changed, version)
+        self._looked_s, self._commits = now_s, commits
+        return self._kept.version
+
+    def grant(self, token_id: str) -> Grant | None:
+        """What a token allows; None for one that is not there or was revoked."""
+        grants = self._kept.grants
+        if token_id in grants:
+            return grants[token_id]
+        found = self._store.grant(token_id)
+        if found is not None:  # unknown ones are not kept: anybody can make them up
+            _keep(grants, token_id, found, _MOST_SOURCES)
+        return found
+
+    def _sources(self, ids: Sequence[int]) -> list[_Prepared]:
+        known = self._kept.sources
+        found = {one: known[one] for one in ids if one in known}
+        rows = self._store.source_rows([one for one in ids if one not in found]) if len(found) < len(ids) else {}
+        for one, row in rows.items():
+            text = json.loads(row.state)
+            found[one] = _Prepared(
+                row, SourceState.from_json(text["state"]), int(text["contributions"]), int(text["voices"])
+            )
+            _keep(known, one, found[one], _MOST_SOURCES)
+        return [found[one] for one in ids if one in found]
+
+    def _state(self, source: _Prepared, at: datetime) -> SourceState:
+        if at >= source.state.at:
+            return source.state.moved(at)
+        return fuse(self._store.accepted(source.row.id), at)
+
+    def _source(self, source: _Prepared, at: datetime) -> dict[str, Any]:
+        row = source.row
+        voices = [Entry("", str(voice), source.state.at, _SILENT) for voice in range(min(source.voices, 3))]
+        quality = answer_quality(voices, at) | {"contributions": source.contributions}
+        return {
+            "id": str(row.id),
+            "kind": row.kind,
+            "name": row.name,
+            "carrier_hz": row.carrier_hz,
+            **self._state(source, at).answer(),
+            "quality": quality,
+        }
+
+    def _times(self, at: datetime | None) -> tuple[datetime, bytes]:
+        """The time of an answer, and what of the time its weak ETag depends on."""
+        if at is not None:
+            return at, b""
+        now_us = time.time_ns() // 1000
+        return from_us(now_us // _SECOND_US * _SECOND_US), str(now_us // _MINUTE_US).encode()
+
+    def _answer(self, value: Any, sources: Sequence[_Prepared], asked: datetime | None, more: bytes) -> Answer:
+        body = _json(value)
+        if asked is not None:
+            return Answer(body, f'"{_digest(body)}"')
+        said = b",".join(b"%d:%d" % (one.row.id, one.row.version) for one in sources)
+        return Answer(body, f'W/"{_digest(said, more)}"')
+
+    def source(self, source_id: int, at: datetime | None = None) -> Answer | None:
+        """One source at a time; None when nothing that stands is known about it."""
+        when, minute = self._times(at)
+        bodies, key = self._kept.bodies, (source_id, when, at is None)
+        if key not in bodies:
+            found = self._sources([source_id])
+            answer = self._answer(self._source(found[0], when), found, at, minute) if found else None
+            _keep(bodies, key, answer, _MOST_BODIES)
+            return answer
+        return bodies[key]
+
+    def page(
+        self, search: Search, after: tuple[float, int] | None, limit: int, at: datetime | None, cursor: Any
+    ) -> Answer:
+        """A page of sources at a time; `cursor` makes the text of where the next one begins."""
+        when, minute = self._times(at)
+        bodies, key = self._kept.bodies, (search, after, limit, when, at is None)
+        answer = bodies.get(key)
+        if answer is None:
+            ids, beyond = self._store.find(search, after, limit)
+            sources = self._sources(ids)
+            more = None if beyond is None else cursor(beyond)
+            value = {"at": zulu(when), "sources": [self._source(one, when) for one in sources], "next_cursor": more}
+            answer = self._answer(value, sources, at, minute + b"|" + (more or "").encode())
+            _keep(bodies, key, answer, _MOST_BODIES)
+        return answer
+
+    def stability(self, source_id: int, at: datetime | None = None) -> Answer | None:
+        """The Allan deviation of a source's clock with its band; None when nothing is known about its noise."""
+        when, minute = self._times(at)
+        found = self._sources([source_id])
+        noise = self._state(found[0], when).noise if found else None
+        if noise is None:
+            return None
+        curve = stability(noise, _TAU_S)
+        value = {"id": str(source_id), "at": zulu(when), "confidence": 0.95, **curve}
+        return self._answer(value, found, at, minute + b"|stability")
+
+    def everything(self, at: datetime) -> list[dict[str, Any]]:
+        """Every source at a time."""
+        out: list[dict[str, Any]] = []
+        after: tuple[float, int] | None = None
+        while True:
+            ids, after = self._store.find(Search(), after, 500)
+            out.extend(self._source(one, at) for one in self._sources(ids))
+            if after is None:
+                return out

@@ -1,0 +1,1 @@
+"""Steps of the schema, run by `soopnav_cpp.sopdb.database.migrate`."""
