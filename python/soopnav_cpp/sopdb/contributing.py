@@ -257,9 +257,10 @@ def take(
     )
     session.add(row)
     session.flush()
-    by = "rule"
+    by, status = "rule", "quarantined"
+    reasons: tuple[str, ...] = ()
     if twin is not None:
-        by, status, reasons = "twin", "quarantined", (f"the same numbers as contribution {twin}; they count once",)
+        by, reasons = "twin", (f"the same numbers as contribution {twin}; they count once",)
     else:
         accepted = entries_of(session, source_id, "accepted", known)
         quarantined = entries_of(session, source_id, "quarantined", known, by_rule=True)

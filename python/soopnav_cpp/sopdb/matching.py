@@ -2,9 +2,9 @@
 
 The same kind and the same carrier within `CARRIER_TOLERANCE` (no transmitter's oscillator is further off) are needed.
 Then the name decides, folded to what reads alike, unless the two places are more than `FAR_M` apart: pseudo-noise
-offset 12 exists in every city. Signals that share place and carrier and differ by code (CDMA, LTE), or move (satellites),
-are told apart by name alone. Others are the same source also by place: within `NEAR_M` and within what the two
-covariances allow.
+offset 12 exists in every city. Signals that share place and carrier and differ by code (CDMA, LTE), or that move
+(satellites), are told apart by name alone. Others are the same source also by place: within `NEAR_M` and within what
+the two covariances allow.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def create_app(store: Store, settings: ServiceSettings | None = None) -> FastAPI
 
 
 def _add_refusals(app: FastAPI) -> None:
-    async def refused(request: Request, error: Exception) -> Response:
+    async def refused(_: Request, error: Exception) -> Response:
         assert isinstance(error, RefusedError)
         return error.response()
 
@@ -126,13 +126,13 @@ def _add_refusals(app: FastAPI) -> None:
         sentence = sentences.get(error.status_code, str(error.detail))
         return RefusedError(error.status_code, sentence, headers=dict(error.headers or {})).response()
 
-    async def invalid(request: Request, error: Exception) -> Response:
+    async def invalid(_: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
         return RefusedError.of_fields(
             [(".".join(map(str, one["loc"][1:]))[:100], str(one["msg"])[:300]) for one in error.errors()]
         ).response()
 
-    async def conflict(request: Request, error: Exception) -> Response:
+    async def conflict(_: Request, error: Exception) -> Response:
         return RefusedError(409, str(error), [("Idempotency-Key", "came with another body before")]).response()
 
     async def unavailable(request: Request, error: Exception) -> Response:
@@ -209,6 +209,7 @@ def _add_reads(app: FastAPI, service: _Service) -> None:
     @app.get(
         "/v1/sources/{id}/contributions",
         response_model=models.ContributionPage,
+        dependencies=reader,
         responses=models.refusals(401, 403, 404, 422, 429, 503),
         summary="What was contributed about a source, the newest first",
     )
@@ -216,7 +217,6 @@ def _add_reads(app: FastAPI, service: _Service) -> None:
         id: _Id,
         limit: Annotated[int, Query(ge=1, le=settings.max_page_size)] = settings.page_size,
         cursor: _Cursor = None,
-        who: Contributor = service.allow("read"),
     ) -> Response:
         before = questions.read_before(cursor)
 
@@ -251,7 +251,9 @@ def _add_writes(app: FastAPI, service: _Service) -> None:
         openapi_extra=models.body_of("Characterization", idempotent=True),
         summary="Contribute a characterisation",
     )
-    async def contribute(request: Request, who: Contributor = service.allow("contribute", writes=True)) -> Response:
+    async def contribute(
+        request: Request, who: Annotated[Contributor, service.allow("contribute", writes=True)]
+    ) -> Response:
         key = questions.idempotency_key(request.headers.get("idempotency-key"))
         body = validated(Characterization, await service.body(request))
         outcome: Outcome = await asyncio.wrap_future(store.contribute(body, who, key=key))
@@ -263,19 +265,22 @@ def _add_writes(app: FastAPI, service: _Service) -> None:
 
 def _add_administration(app: FastAPI, service: _Service) -> None:
     settings, store = service.settings, service.store
-    administrator = service.allow("admin")
+    administrator = [service.allow("admin")]
     of_lists = models.refusals(401, 403, 422, 429, 503)
     of_acts = models.refusals(401, 403, 404, 422, 429, 503)
     limit_type = Annotated[int, Query(ge=1, le=settings.max_page_size)]
 
     @app.get(
-        "/v1/characterizations", response_model=models.ContributionPage, responses=of_lists, summary="All contributions"
+        "/v1/characterizations",
+        response_model=models.ContributionPage,
+        dependencies=administrator,
+        responses=of_lists,
+        summary="All contributions, the newest first",
     )
     async def every(
         status: Literal["accepted", "quarantined", "rejected"] | None = None,
         limit: limit_type = settings.page_size,
         cursor: _Cursor = None,
-        who: Contributor = administrator,
     ) -> Response:
         before = questions.read_before(cursor)
         rows = await service.read(lambda: store.contributions(status=status, before=before, limit=limit + 1))
@@ -289,7 +294,7 @@ def _add_administration(app: FastAPI, service: _Service) -> None:
             operation_id=word,
             summary=f"{word.capitalize()} a contribution, whatever the rules said",
         )
-        async def act(id: _Id, who: Contributor = service.allow("admin", writes=True)) -> Response:
+        async def act(id: _Id, who: Annotated[Contributor, service.allow("admin", writes=True)]) -> Response:
             outcome = await asyncio.wrap_future(store.decide(id, status, who))
             if outcome is None:
                 raise RefusedError(404, f"contribution {id} is not known")
@@ -298,20 +303,29 @@ def _add_administration(app: FastAPI, service: _Service) -> None:
     deciding("release", "accepted")
     deciding("reject", "rejected")
 
-    @app.get("/v1/audit", response_model=models.AuditPage, responses=of_lists, summary="The audit trail, newest first")
+    @app.get(
+        "/v1/audit",
+        response_model=models.AuditPage,
+        dependencies=administrator,
+        responses=of_lists,
+        summary="The audit trail, the newest first",
+    )
     async def audit(
         limit: limit_type = settings.page_size,
         cursor: _Cursor = None,
-        who: Contributor = administrator,
     ) -> Response:
         before = questions.read_before(cursor)
         rows = await service.read(lambda: store.audit(before=before, limit=limit + 1))
         return models.audit_page(rows, limit)
 
     @app.get(
-        "/v1/tokens", response_model=models.TokenList, responses=models.refusals(401, 403, 429, 503), summary="Tokens"
+        "/v1/tokens",
+        response_model=models.TokenList,
+        dependencies=administrator,
+        responses=models.refusals(401, 403, 429, 503),
+        summary="Tokens, without their texts",
     )
-    async def tokens(who: Contributor = administrator) -> Response:
+    async def tokens() -> Response:
         return models.token_list(await service.read(store.tokens))
 
     @app.post(
@@ -322,7 +336,9 @@ def _add_administration(app: FastAPI, service: _Service) -> None:
         openapi_extra=models.body_of("AskedToken"),
         summary="Make a token; its text is shown this once",
     )
-    async def make_token(request: Request, who: Contributor = service.allow("admin", writes=True)) -> Response:
+    async def make_token(
+        request: Request, who: Annotated[Contributor, service.allow("admin", writes=True)]
+    ) -> Response:
         asked = validated(models.AskedToken, await service.body(request))
         expires_us = None if asked.expires is None else to_us(asked.expires)
         try:
@@ -345,7 +361,8 @@ def _add_administration(app: FastAPI, service: _Service) -> None:
         "/v1/tokens/{id}", status_code=204, responses=of_acts, summary="Revoke a token", response_class=Response
     )
     async def revoke(
-        id: Annotated[str, Path(pattern="^[a-z2-7]{10}$")], who: Contributor = service.allow("admin", writes=True)
+        id: Annotated[str, Path(pattern="^[a-z2-7]{10}$")],
+        who: Annotated[Contributor, service.allow("admin", writes=True)],
     ) -> Response:
         if not await run_in_threadpool(store.revoke_token, id, who):
             raise RefusedError(404, f"token {id} is not known or has been revoked before")

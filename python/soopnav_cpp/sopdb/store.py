@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import Row, Select, delete, func, select
+from sqlalchemy import Executable, delete, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -239,7 +239,7 @@ class Store:
 
     # Reads
 
-    def _read(self, query: Select[Any]) -> Sequence[Row[Any]]:
+    def _read(self, query: Executable) -> Sequence[Any]:
         try:
             with self.engine.connect() as connection:
                 return connection.execute(query).all()
