@@ -10,7 +10,7 @@ import hashlib
 import json
 import time
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +19,10 @@ from soopnav_cpp.sopdb.auth import Grant
 from soopnav_cpp.sopdb.fusion import Entry, SourceState, answer_quality, fuse, stability
 from soopnav_cpp.sopdb.records import Characterization
 from soopnav_cpp.sopdb.schema import from_us
+from soopnav_cpp.sopdb.snapshot import encode
 from soopnav_cpp.sopdb.store import FusedRow, Search, Store
 
-__all__ = ["Answer", "Answers"]
+__all__ = ["Answer", "Answers", "zulu"]
 
 _SECOND_US = 1_000_000
 _MINUTE_US = 60 * _SECOND_US
@@ -205,12 +206,19 @@ class Answers:
         value = {"id": str(source_id), "at": zulu(when), "confidence": 0.95, **curve}
         return self._answer(value, found, at, minute + b"|stability")
 
-    def everything(self, at: datetime) -> list[dict[str, Any]]:
-        """Every source at a time."""
-        out: list[dict[str, Any]] = []
-        after: tuple[float, int] | None = None
-        while True:
-            ids, after = self._store.find(Search(), after, 500)
-            out.extend(self._source(one, at) for one in self._sources(ids))
-            if after is None:
-                return out
+    def snapshot(self) -> Answer:
+        """Every source in the form of `snapshot`, each at the time of its newest contribution."""
+        bodies = self._kept.bodies
+        answer = bodies.get("snapshot")
+        if answer is None:
+            sources: list[dict[str, Any]] = []
+            after: tuple[float, int] | None = None
+            while True:
+                ids, after = self._store.find(Search(), after, 500)
+                sources.extend(self._source(one, one.state.at) for one in self._sources(ids))
+                if after is None:
+                    break
+            body = encode(sources, datetime.now(timezone.utc))
+            answer = Answer(body, f'"{_digest(body)}"')
+            _keep(bodies, "snapshot", answer, _MOST_BODIES)
+        return answer

@@ -85,8 +85,14 @@ class HideTokens(logging.Filter):
     """Takes secrets out of log lines: what reads like a token, and what follows ``Bearer``."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        message = record.getMessage()
-        hidden = _SHOWN.sub(lambda m: f"{m[1]}_***" if m[1] else f"{m[2]}***", message)
-        if hidden != message:
-            record.msg, record.args = hidden, ()
+        """Change the record; keep every line."""
+        record.msg = _hidden(record.msg)
+        if isinstance(record.args, tuple):
+            record.args = tuple(map(_hidden, record.args))
         return True
+
+
+def _hidden(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    return _SHOWN.sub(lambda match: f"{match[1]}_***" if match[1] else f"{match[2]}***", value)

@@ -32,6 +32,7 @@ from soopnav_cpp.sopdb.writer import BusyError
 __all__ = ["create_app"]
 
 _T = TypeVar("_T")
+_SNAPSHOT = "application/octet-stream"
 _LOG = logging.getLogger("soopnav.sopdb")
 _Id = Annotated[int, Path(ge=1, le=2**63 - 1)]
 _At = Annotated[str | None, Query(max_length=40, description="A time of UTC in ISO 8601; without it, now.")]
@@ -66,7 +67,9 @@ class _Service:
 
         return Depends(dependency)
 
-    def send(self, request: Request, answer: Answer | None, missing: str) -> Response:
+    def send(
+        self, request: Request, answer: Answer | None, missing: str, media_type: str = "application/json"
+    ) -> Response:
         """An answer, or 304 when the asker has it, or 404."""
         if answer is None:
             raise RefusedError(404, missing)
@@ -75,7 +78,7 @@ class _Service:
             headers["Vary"] = "Authorization"
         if questions.matches(request.headers.get("if-none-match"), answer.etag):
             return Response(status_code=304, headers=headers)
-        return Response(answer.body, media_type="application/json", headers=headers)
+        return Response(answer.body, media_type=media_type, headers=headers)
 
     async def body(self, request: Request) -> Any:
         """The JSON of a body, within its limits."""
@@ -227,6 +230,17 @@ def _add_reads(app: FastAPI, service: _Service) -> None:
 
         rows = await service.read(look)
         return models.contribution_page(rows, limit, administrator=False)
+
+    @app.get(
+        "/v1/snapshot",
+        response_class=Response,
+        dependencies=reader,
+        responses=models.refusals(304, 401, 403, 429, 503) | {200: {"content": {_SNAPSHOT: {}}}},
+        summary="Everything in one file, to work from without a network",
+    )
+    async def snapshot(request: Request) -> Response:
+        answer = await service.read(answers.snapshot, slow=True)
+        return service.send(request, answer, "", media_type=_SNAPSHOT)
 
     @app.get("/health", response_model=models.Health, responses=models.refusals(429, 503), summary="Whether it works")
     async def health(request: Request) -> Response:

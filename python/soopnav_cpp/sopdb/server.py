@@ -1,0 +1,142 @@
+"""Runs the service by uvicorn, on a port or on a Unix socket, until it is told to end."""
+
+from __future__ import annotations
+
+import copy
+import ipaddress
+import logging
+import os
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+import uvicorn.config
+
+from soopnav_cpp.sopdb.auth import HideTokens
+from soopnav_cpp.sopdb.service import create_app
+from soopnav_cpp.sopdb.settings import ServiceSettings
+from soopnav_cpp.sopdb.store import Store
+
+__all__ = ["listen", "serve"]
+
+_CONNECTIONS = 1000
+_HEADER_BYTES = 32_768
+
+
+def listen(host: str = "127.0.0.1", port: int = 8765, *, unix: str | Path | None = None) -> socket.socket:
+    """A socket that listens, and is inherited by nobody.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        0: any that is free.
+    unix : path, optional
+        A Unix socket in place of both. What an earlier server left there is removed.
+
+    Raises
+    ------
+    ValueError
+        For a port that cannot be, and a path that is something else than a socket.
+    OSError
+        When the address is in use, or not this machine's.
+    """
+    if unix is not None:
+        path = Path(unix)
+        if path.exists():
+            if not stat.S_ISSOCK(path.stat().st_mode):
+                raise ValueError(f"unix is {path}, which is a file; a new path expected")
+            path.unlink()
+        found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        found.bind(str(path))
+        return found
+    if not 0 <= port <= 65535:
+        raise ValueError(f"port is {port}; it must be in [0, 65535]")
+    try:
+        family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+    except ValueError:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    found = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host, port))
+    except BaseException:
+        found.close()
+        raise
+    return found
+
+
+def serve(
+    store: Store,
+    settings: ServiceSettings | None = None,
+    *,
+    at: socket.socket | None = None,
+    proxies: str | None = None,
+    log_level: str = "info",
+    ready: Callable[[str], Any] | None = None,
+) -> None:
+    """Answer requests until SIGINT or SIGTERM; then finish those that are being answered, and return.
+
+    Parameters
+    ----------
+    store : Store
+        Stays the caller's to close, after this.
+    settings : ServiceSettings, optional
+    at : socket, optional
+        Of `listen`; without it ``127.0.0.1:8765``.
+    proxies : str, optional
+        Addresses of proxies whose ``X-Forwarded-For`` is believed, with commas between; for a Unix socket, ``*``.
+    log_level : str
+        Of uvicorn: ``"critical"`` to ``"debug"``.
+    ready : callable, optional
+        Called with the URL, once requests are taken.
+    """
+    sock = at or listen()
+    address = sock.getsockname()
+    if isinstance(address, (str, bytes)):
+        url = f"unix:{os.fsdecode(address)}"
+    else:
+        url = f"http://{f'[{address[0]}]' if ':' in address[0] else address[0]}:{address[1]}"
+
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            if self.started and ready is not None:
+                ready(url)
+
+    config = uvicorn.Config(
+        create_app(store, settings),
+        loop="asyncio",
+        lifespan="off",
+        log_level=log_level,
+        log_config=_logging(),
+        proxy_headers=proxies is not None,
+        forwarded_allow_ips=proxies,
+        server_header=False,
+        limit_concurrency=_CONNECTIONS,
+        h11_max_incomplete_event_size=_HEADER_BYTES,
+        timeout_keep_alive=30,
+        timeout_graceful_shutdown=10,
+    )
+    try:
+        Server(config).run(sockets=[sock])
+    finally:
+        sock.close()
+        if isinstance(address, str) and address:
+            Path(address).unlink(missing_ok=True)
+
+
+def _logging() -> dict[str, Any]:
+    """Uvicorn's logging with times, and without secrets."""
+    found: dict[str, Any] = copy.deepcopy(uvicorn.config.LOGGING_CONFIG)
+    for formatter in found["formatters"].values():
+        formatter["fmt"] = "%(asctime)s " + formatter["fmt"]
+        formatter["use_colors"] = False
+    found["filters"] = {"tokens": {"()": HideTokens}}
+    for handler in found["handlers"].values():
+        handler["filters"] = ["tokens"]
+    found["loggers"]["soopnav.sopdb"] = {"handlers": ["default"], "level": logging.INFO, "propagate": False}
+    return found
