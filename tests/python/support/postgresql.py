@@ -21,17 +21,19 @@ __all__ = ["Server", "running"]
 class Server:
     """A server that runs; `new_database` gives URLs of empty databases."""
 
-    def __init__(self, folder: Path, binaries: Path) -> None:
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._binaries = binaries
         self._made = 0
 
-    def new_database(self) -> str:
-        """The URL of a database with nothing in it."""
+    def new_database(self, like: str | None = None) -> str:
+        """The URL of a database with nothing in it, or with what another one of this server has (that nobody uses)."""
+        import psycopg
+
         self._made += 1
         name = f"signals{self._made}"
-        command = [str(self._binaries / "createdb"), "-h", str(self._folder), "-U", "tests", name]
-        subprocess.run(command, check=True, capture_output=True)
+        template = "template0" if like is None else like.removeprefix("postgresql://tests@/").partition("?")[0]
+        with psycopg.connect(f"postgresql://tests@/postgres?host={self._folder}", autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name} TEMPLATE {template} STRATEGY file_copy")
         return f"postgresql://tests@/{name}?host={self._folder}"
 
 
@@ -76,7 +78,7 @@ def running() -> Iterator[Server]:
             )
         try:
             _wait(binaries, folder, server)
-            yield Server(folder, binaries)
+            yield Server(folder)
         finally:
             server.send_signal(signal.SIGINT)  # a fast end: it disconnects who is still there
             try:

@@ -1,4 +1,7 @@
-"""Characterisations that the signal database believes, and stores to put them into."""
+"""Characterisations that the signal database believes, and empty databases to put them into.
+
+Importing it skips a module of tests where the extra ``sopdb`` is not installed.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,14 @@ from datetime import datetime, timedelta, timezone
 from typing import Any
 
 import numpy as np
+import pytest
 
 from soopnav_cpp import geometry
 
 __all__ = ["characterization", "clock", "noise", "position"]
+
+for _module in ("alembic", "fastapi", "httpx", "sqlalchemy", "uvicorn"):
+    pytest.importorskip(_module)
 
 
 def position(
