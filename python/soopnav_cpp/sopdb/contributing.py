@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import func, select, update
+from sqlalchemy import bindparam, func, select, text, update
 from sqlalchemy.orm import Session
 
 from soopnav_cpp.sopdb import spatial
@@ -26,7 +26,6 @@ from soopnav_cpp.sopdb.schema import (
     Contribution,
     Fused,
     Idempotency,
-    Meta,
     Source,
     Verdict,
     from_us,
@@ -35,6 +34,39 @@ from soopnav_cpp.sopdb.schema import (
 )
 
 __all__ = ["ConflictError", "Contributor", "Entries", "Outcome", "bump", "decide", "note", "take"]
+
+
+# Statements of every contribution, built once: building costs more than running them.
+_BUMP = text("UPDATE meta SET value = value + 1 WHERE name = 'version' RETURNING value")
+_ENTRIES = (
+    select(Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body)
+    .join(Verdict, Verdict.contribution_id == Contribution.id)
+    .where(Contribution.source_id == bindparam("source_id"), Verdict.status == bindparam("status"))
+    .order_by(Contribution.time_us.desc(), Contribution.id.desc())
+    .limit(MOST_FUSED)
+)
+_ENTRIES_BY_RULE = _ENTRIES.where(Verdict.decided_by == "rule")
+_OF_SIGNAL = (
+    select(Source.id, Fused.state)
+    .join(Fused, Fused.source_id == Source.id, isouter=True)
+    .where(Source.kind == bindparam("kind"), Source.carrier_hz.between(bindparam("low"), bindparam("high")))
+)
+_NAMED = _OF_SIGNAL.join(Alias, Alias.source_id == Source.id).where(Alias.name_key == bindparam("name_key"))
+_ALIAS = select(Alias.source_id).where(
+    Alias.source_id == bindparam("source_id"), Alias.name_key == bindparam("name_key")
+)
+_TWIN = (
+    select(Contribution.id)
+    .where(Contribution.body_hash == bindparam("body_hash"), Contribution.source_id == bindparam("source_id"))
+    .order_by(Contribution.id)
+    .limit(1)
+)
+_COUNTS = (
+    select(func.count(), func.count(Contribution.token_id.distinct()))
+    .select_from(Contribution)
+    .join(Verdict, Verdict.contribution_id == Contribution.id)
+    .where(Contribution.source_id == bindparam("source_id"), Verdict.status == "accepted")
+)
 
 
 class ConflictError(ValueError):
@@ -80,22 +112,13 @@ class Entries:
 
 def entries_of(session: Session, source_id: int, status: str, known: Entries, *, by_rule: bool = False) -> list[Entry]:
     """The newest contributions of a source that have a status, oldest first; those that the rules judged, if asked."""
-    query = (
-        select(Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body)
-        .join(Verdict, Verdict.contribution_id == Contribution.id)
-        .where(Contribution.source_id == source_id, Verdict.status == status)
-        .order_by(Contribution.time_us.desc(), Contribution.id.desc())
-        .limit(MOST_FUSED)
-    )
-    if by_rule:
-        query = query.where(Verdict.decided_by == "rule")
-    return [known.of(row) for row in session.execute(query)][::-1]
+    rows = session.execute(_ENTRIES_BY_RULE if by_rule else _ENTRIES, {"source_id": source_id, "status": status})
+    return [known.of(row) for row in rows][::-1]
 
 
 def bump(session: Session) -> int:
     """The next version of what is answered."""
-    session.execute(update(Meta).where(Meta.name == "version").values(value=Meta.value + 1))
-    return session.execute(select(Meta.value).where(Meta.name == "version")).scalar_one()
+    return int(session.execute(_BUMP).scalar_one())
 
 
 def note(session: Session, who: Contributor, action: str, target: str, outcome: str) -> None:
@@ -114,15 +137,17 @@ def note(session: Session, who: Contributor, action: str, target: str, outcome: 
 
 def _candidates(session: Session, body: Characterization) -> list[Known]:
     source, position = body.source, body.position
-    low, high = source.carrier_hz * (1.0 - CARRIER_TOLERANCE), source.carrier_hz * (1.0 + CARRIER_TOLERANCE)
-    of_signal = (Source.kind == source.kind, Source.carrier_hz.between(low, high))
-    columns = select(Source.id, Fused.state).join(Fused, Fused.source_id == Source.id, isouter=True).where(*of_signal)
-    named = columns.join(Alias, Alias.source_id == Source.id).where(Alias.name_key == name_key(source.name))
-    found = {row.id: (True, row.state) for row in session.execute(named)}
+    signal = {
+        "kind": source.kind,
+        "low": source.carrier_hz * (1.0 - CARRIER_TOLERANCE),
+        "high": source.carrier_hz * (1.0 + CARRIER_TOLERANCE),
+    }
+    rows = session.execute(_NAMED, signal | {"name_key": name_key(source.name)})
+    found = {row.id: (True, row.state) for row in rows}
     if position is not None and source.kind in BY_PLACE:
         latitude, longitude = spatial.place(position.p_e_m)
-        near = columns.where(spatial.within(spatial.around(latitude, longitude, 2.0 * NEAR_M)))
-        for row in session.execute(near):
+        near = _OF_SIGNAL.where(spatial.within(spatial.around(latitude, longitude, 2.0 * NEAR_M)))
+        for row in session.execute(near, signal):
             found.setdefault(row.id, (False, row.state))
     known = []
     for source_id, (same_name, state) in sorted(found.items()):
@@ -151,9 +176,9 @@ def _source_of(session: Session, body: Characterization, at_us: int) -> int:
         session.add(row)
         session.flush()
         found = row.id
-    if session.get(Alias, (found, name_key(body.source.name))) is None:
-        session.add(Alias(source_id=found, name_key=name_key(body.source.name)))
-        session.flush()
+    alias = {"source_id": found, "name_key": name_key(body.source.name)}
+    if session.execute(_ALIAS, alias).first() is None:
+        session.add(Alias(**alias))
     return found
 
 
@@ -183,12 +208,7 @@ def fuse_again(session: Session, source_id: int, known: Entries) -> None:
             session.flush()
         return
     state = fuse(accepted, max(entry.time for entry in accepted))
-    count, voices = session.execute(
-        select(func.count(), func.count(Contribution.token_id.distinct()))
-        .select_from(Contribution)
-        .join(Verdict, Verdict.contribution_id == Contribution.id)
-        .where(Contribution.source_id == source_id, Verdict.status == "accepted")
-    ).one()
+    count, voices = session.execute(_COUNTS, {"source_id": source_id}).one()
     source = session.get_one(Source, source_id)
     if row is None:
         row = Fused(source_id=source_id, kind=source.kind, carrier_hz=source.carrier_hz)
@@ -231,16 +251,14 @@ def take(
             return Outcome(json.loads(before.answer), repeated=True)
     at_us = now_us()
     source_id = _source_of(session, body, at_us)
-    twin = session.scalar(
-        select(Contribution.id).where(Contribution.body_hash == body_hash, Contribution.source_id == source_id).limit(1)
-    )
-    text = json.dumps(body.to_json(), ensure_ascii=False, separators=(",", ":"))
+    twin = session.scalar(_TWIN, {"body_hash": body_hash, "source_id": source_id})
+    kept = json.dumps(body.to_json(), ensure_ascii=False, separators=(",", ":"))
     at = from_us(at_us)
     row = Contribution(
         source_id=source_id,
         received_us=at_us,
         token_id=who.token_id,
-        body=text,
+        body=kept,
         body_hash=body_hash,
         receiver=body.provenance.receiver,
         method=body.provenance.method,

@@ -5,6 +5,7 @@ SQLite in a file, in write-ahead mode and with every commit on the disk before i
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,7 @@ def _configuration(connection: Connection | None) -> Config:
     return config
 
 
+@functools.cache
 def head() -> str:
     """The newest revision of the schema, which this program works with."""
     found = ScriptDirectory.from_config(_configuration(None)).get_current_head()
