@@ -19,7 +19,7 @@ __all__ = ["ROLES", "Grant", "HideTokens", "NewToken", "allows", "new_token", "p
 #: Each may what those before it may.
 ROLES = ("read", "contribute", "admin")
 _TOKEN = re.compile(r"sop_([a-z2-7]{10})_([A-Za-z0-9_-]{43})")
-_SHOWN = re.compile(r"(sop_[a-z2-7]{10})_[A-Za-z0-9_-]+|(?i:(bearer\s+))[^\s\"',]+")
+_SHOWN = re.compile(r"(sop_[a-z2-7]{10})_[A-Za-z0-9_-]+|(?i:(bearer\s+))[^\s\"',%]+")
 
 
 @dataclass(frozen=True)

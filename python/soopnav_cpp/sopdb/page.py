@@ -11,8 +11,9 @@ from fastapi.responses import Response
 from soopnav_cpp.sopdb.limits import RefusedError
 from soopnav_cpp.sopdb.questions import matches
 
-__all__ = ["add_page"]
+__all__ = ["FOLDER", "add_page"]
 
+FOLDER = Path(__file__).parent / "web"
 _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".html": "text/html; charset=utf-8",
@@ -25,8 +26,8 @@ _TYPES = {
 }
 
 
-def add_page(app: FastAPI, folder: Path | None = None) -> None:
-    """Give ``index.html`` at ``/`` and every file of a folder below ``/static/``.
+def add_page(app: FastAPI) -> None:
+    """Give ``index.html`` at ``/`` and every file of `FOLDER` below ``/static/``.
 
     The files are read once and found by their name among these, so no path leads anywhere else. They hold no data, so
     they need no token.
@@ -34,10 +35,8 @@ def add_page(app: FastAPI, folder: Path | None = None) -> None:
     Parameters
     ----------
     app : FastAPI
-    folder : Path, optional
-        Without it the package's own.
     """
-    folder = folder or Path(__file__).parent / "web"
+    folder = FOLDER
     files: dict[str, tuple[bytes, str, str]] = {}
     for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
         if path.is_file() and path.suffix in _TYPES:
