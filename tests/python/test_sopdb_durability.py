@@ -149,7 +149,7 @@ def _run(url: str, folder: Path, services: list[Service], writers: int, each: in
 
 @pytest.mark.unit
 def test_killed_amid_contributors(tmp_path: Path, services: list[Service]) -> None:
-    _run(f"sqlite:///{tmp_path / 'signals.db'}", tmp_path, services, writers=10, each=6, kills=2)
+    _run(f"sqlite:///{tmp_path / 'signals.db'}", tmp_path, services, writers=12, each=4, kills=1)
 
 
 @pytest.mark.slow

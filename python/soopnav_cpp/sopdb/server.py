@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import ipaddress
 import logging
 import os
+import signal
 import socket
 import stat
-from collections.abc import Callable
+import sys
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -121,16 +125,35 @@ def serve(
         timeout_keep_alive=30,
         timeout_graceful_shutdown=10,
     )
+    interval_s = sys.getswitchinterval()
     try:
-        Server(config).run(sockets=[sock])
+        # Reads wait for the interpreter while a write computes: a tenth of the usual turn.
+        sys.setswitchinterval(0.1 * interval_s)
+        with _signals_that_return():
+            Server(config).run(sockets=[sock])
     finally:
+        sys.setswitchinterval(interval_s)
         sock.close()
         if isinstance(address, str) and address:
             Path(address).unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def _signals_that_return() -> Iterator[None]:
+    """Uvicorn raises the signal that ended it once more; so that the caller can close its store, nothing follows."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {one: signal.signal(one, lambda *_: None) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+
 def _logging() -> dict[str, Any]:
-    """Uvicorn's logging with times, and without secrets."""
+    """Uvicorn's logging with times and without secrets, on the standard error."""
     found: dict[str, Any] = copy.deepcopy(uvicorn.config.LOGGING_CONFIG)
     for formatter in found["formatters"].values():
         formatter["fmt"] = "%(asctime)s " + formatter["fmt"]
@@ -138,5 +161,6 @@ def _logging() -> dict[str, Any]:
     found["filters"] = {"tokens": {"()": HideTokens}}
     for handler in found["handlers"].values():
         handler["filters"] = ["tokens"]
+        handler["stream"] = "ext://sys.stderr"
     found["loggers"]["soopnav.sopdb"] = {"handlers": ["default"], "level": logging.INFO, "propagate": False}
     return found
