@@ -3,9 +3,9 @@
 import { h, s } from "./dom.js";
 import { powerOfTen, scientific } from "./format.js";
 
-const WIDTH = 560;
-const HEIGHT = 340;
-const BOX = { left: 74, right: WIDTH - 18, top: 16, bottom: HEIGHT - 56 };
+const WIDTH = 430;
+const HEIGHT = 300;
+const BOX = { left: 66, right: WIDTH - 16, top: 14, bottom: HEIGHT - 52 };
 
 function decades(low, high) {
   const first = Math.floor(Math.log10(low) + 1e-9);
@@ -18,11 +18,11 @@ function tau(value) {
 }
 
 /**
- * A figure for `name`: curve.tau_s, curve.deviation, curve.low and curve.high, arrays of one length, ascending in tau_s.
+ * A figure for `name`: curve.tau_s, curve.deviation, curve.lower and curve.upper, arrays of one length, ascending in tau_s.
  * Throws RangeError for arrays that are no such curve.
  */
 export function allanPlot(name, curve) {
-  const { tau_s: taus, deviation, low, high } = curve;
+  const { tau_s: taus, deviation, lower: low, upper: high } = curve;
   const all = [taus, deviation, low, high];
   const usable = all.every((a) => Array.isArray(a) && a.length === taus.length && a.every((x) => x > 0 && x < Infinity));
   if (!usable || taus.length < 2) throw new RangeError("no curve");

@@ -5,10 +5,10 @@ import { age, carrier, place, metres, secondsWithSigma } from "./format.js";
 import { shapeOf } from "./map.js";
 
 const GRADES = {
-  A: "recent, agreed on by several receivers",
-  B: "good",
-  C: "old or from a single receiver",
-  D: "hardly known",
+  A: "three contributors or more, the newest word at most a day old",
+  B: "two contributors, at most a week old",
+  C: "at most thirty days old",
+  D: "older than thirty days",
 };
 
 /** A grade as a badge: its letter, and in words for who cannot see colours. */
