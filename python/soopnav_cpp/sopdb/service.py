@@ -174,11 +174,13 @@ def _add_reads(app: FastAPI, service: _Service) -> None:
             str | None,
             Query(max_length=160, description="WEST,SOUTH,EAST,NORTH in degrees; over the date line when WEST > EAST."),
         ] = None,
+        name: Annotated[str | None, Query(max_length=100, description="Part of a name, whatever its case.")] = None,
         at: _At = None,
         limit: Annotated[int, Query(ge=1, le=settings.max_page_size)] = settings.page_size,
         cursor: _Cursor = None,
     ) -> Response:
-        search = Search(kind, questions.near(near), radius_m if near is not None else 0.0, questions.box(bbox))
+        radius_m = radius_m if near is not None else 0.0
+        search = Search(kind, questions.near(near), radius_m, questions.box(bbox), name)
         when = questions.time(at, settings.max_ahead_s)
         after = questions.read_cursor(cursor, search)
         answer = await service.read(

@@ -25,8 +25,9 @@ from soopnav_cpp.sopdb.auth import ROLES, Grant, NewToken, new_token
 from soopnav_cpp.sopdb.contributing import Contributor, Entries, Outcome
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import Entry
+from soopnav_cpp.sopdb.matching import name_key
 from soopnav_cpp.sopdb.records import Characterization
-from soopnav_cpp.sopdb.schema import Audit, Contribution, Fused, Idempotency, Meta, Source, Token, Verdict, now_us
+from soopnav_cpp.sopdb.schema import Alias, Audit, Contribution, Fused, Idempotency, Meta, Source, Token, Verdict, now_us
 from soopnav_cpp.sopdb.spatial import Box
 from soopnav_cpp.sopdb.writer import Writer
 
@@ -60,12 +61,15 @@ class Search(NamedTuple):
     radius_m : float
         Straight-line distance between the places on the ellipsoid.
     box : Box or None
+    name : str or None
+        Part of a name that the source goes by, whatever its case.
     """
 
     kind: str | None = None
     near_deg: tuple[float, float] | None = None
     radius_m: float = 0.0
     box: Box | None = None
+    name: str | None = None
 
 
 def body_hash(body: Characterization) -> bytes:
@@ -282,6 +286,9 @@ class Store:
             query = query.where(Fused.kind == search.kind)
         if search.box is not None:
             query = query.where(spatial.within(search.box))
+        if search.name:
+            named = select(Alias.source_id).where(Alias.name_key.contains(name_key(search.name), autoescape=True))
+            query = query.where(Fused.source_id.in_(named))
         if search.near_deg is None:
             if after is not None:
                 query = query.where(Fused.source_id > after[1])
