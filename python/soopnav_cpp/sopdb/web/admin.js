@@ -65,7 +65,7 @@ export async function showAdministration(onFailure) {
           "tbody",
           {},
           trail.entries.map((entry) =>
-            h("tr", {}, [instant(entry.at), entry.who, [entry.what, entry.target].filter(Boolean).join(" "), entry.outcome].map((text) => h("td", {}, text))),
+            h("tr", {}, [instant(entry.at), entry.actor, [entry.action, entry.target].filter(Boolean).join(" "), entry.outcome].map((text) => h("td", {}, text))),
           ),
         ),
       ),

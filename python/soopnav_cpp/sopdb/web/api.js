@@ -29,16 +29,11 @@ export function keepToken(text) {
   }
 }
 
+/** The sentence of a refusal, and the fields that it names. */
 function detailOf(body) {
-  if (!body || typeof body !== "object") return "";
-  const { detail } = body;
-  if (typeof detail === "string") return detail;
-  if (Array.isArray(detail)) {
-    return detail
-      .map((entry) => [(entry.loc ?? []).join("."), entry.msg].filter(Boolean).join(": "))
-      .join("; ");
-  }
-  return "";
+  if (!body || typeof body.detail !== "string") return "";
+  const fields = Array.isArray(body.errors) ? body.errors.map((entry) => `${entry.field}: ${entry.message}`) : [];
+  return [body.detail, ...fields.filter((text) => !body.detail.includes(text))].join("; ");
 }
 
 async function failure(response, hadToken) {

@@ -71,6 +71,7 @@ export class SourceMap {
     this.view = { latitude: 20, longitude: 0, scale: 2 };
     this.size = { width: 1, height: 1 };
     this.pointers = new Map();
+    this.moved = false; // by the reader, since all were shown
     this.build();
     new ResizeObserver(() => this.resized()).observe(root);
   }
@@ -164,6 +165,7 @@ export class SourceMap {
 
   /** Brings a source to the middle, near enough to tell it from its neighbours. */
   centre(source) {
+    this.moved = true;
     this.view.latitude = source.position.latitude_deg;
     this.view.longitude = source.position.longitude_deg;
     this.view.scale = Math.max(this.view.scale, 8000);
@@ -176,6 +178,7 @@ export class SourceMap {
 
   /** All sources in view, in the shortest span of longitudes that holds them, across the date line where that is it. */
   fit() {
+    this.moved = false;
     if (this.sources.length === 0) {
       this.view = { latitude: 15, longitude: 0, scale: Math.min(this.size.width / 360, this.size.height / 150) };
       this.draw();
@@ -229,6 +232,7 @@ export class SourceMap {
   }
 
   pan(dx, dy) {
+    this.moved = true;
     const { scale } = this.view;
     this.view.longitude = wrapLongitude(this.view.longitude + dx / (scale * this.shrink()));
     this.view.latitude = Math.min(Math.max(this.view.latitude - dy / scale, -90), 90);
@@ -240,9 +244,9 @@ export class SourceMap {
 
   resized() {
     const { width, height } = this.root.getBoundingClientRect();
-    const first = this.size.width <= 1;
-    this.size = { width: Math.max(width, 1), height: Math.max(height, 1) };
-    if (first) this.fit();
+    if (width < 1 || height < 1) return; // not displayed
+    this.size = { width, height };
+    if (!this.moved) this.fit();
     else this.draw();
   }
 
@@ -412,6 +416,7 @@ export class SourceMap {
     const other = this.sources.find((candidate) => String(candidate.id) === next.dataset.id);
     const [x, y] = this.project(other.position.latitude_deg, other.position.longitude_deg);
     if (x < 20 || y < 20 || x > this.size.width - 20 || y > this.size.height - 20) {
+      this.moved = true;
       this.view.latitude = other.position.latitude_deg;
       this.view.longitude = other.position.longitude_deg;
       this.draw();

@@ -123,7 +123,7 @@ export function allanPlot(name, curve) {
   const rows = taus
     .map((value, i) => i)
     .filter((i) => i % step === 0 || i === taus.length - 1)
-    .map((i) => h("tr", {}, [taus[i], deviation[i], low[i], high[i]].map((v, c) => h("td", {}, c ? scientific(v, 2) : tau(v)))));
+    .map((i) => h("tr", {}, [taus[i], deviation[i], low[i], high[i]].map((v, c) => h("td", {}, c ? scientific(v) : tau(v)))));
   return h(
     "figure",
     { class: "plot" },

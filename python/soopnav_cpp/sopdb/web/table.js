@@ -27,7 +27,7 @@ function clockSigma(source) {
 // `from`: the width of the list [px] from which the column has room.
 const COLUMNS = [
   { name: "Name", key: (x) => x.name.toLocaleLowerCase(), cell: null },
-  { name: "Kind", key: (x) => x.kind, cell: (x) => h("span", { class: "kind" }, kindMark(x.kind), x.kind) },
+  { name: "Kind", key: (x) => x.kind, cell: (x) => h("span", { class: "kind" }, kindMark(x.kind), x.kind), from: 330 },
   { name: "Carrier", key: (x) => x.carrier_hz, cell: (x) => carrier(x.carrier_hz), right: true, from: 520 },
   {
     name: "Position",
