@@ -1,6 +1,6 @@
 -- Readers of the signal database, for wrk: wrk ... -s sopdb_load.lua URL -- FILE MEAN_DELAY_MS TOKEN
 -- FILE has a source's id a line. Of a hundred requests 60 are for one source now, 20 for a page of the list, 10 for
--- what is near a place, 10 for one source at another time. With a mean delay above zero each connection waits an
+-- what is near a place, 10 for one source at a time of the coming week. With a mean delay above zero each connection waits an
 -- exponential time before a request, so that many connections ask at about the rate connections / delay.
 
 local ids, delay_ms, headers = {}, 0, {}
@@ -21,7 +21,7 @@ function request()
   local dice = math.random(100)
   local path = "/v1/sources/" .. ids[math.random(#ids)]
   if dice > 90 then
-    path = string.format("%s?at=2030-01-01T%02d:%02d:%02dZ", path, math.random(0, 23), math.random(0, 59), math.random(0, 59))
+    path = path .. os.date("!?at=%Y-%m-%dT%H:%M:%SZ", os.time() + math.random(7 * 86400))
   elseif dice > 80 then
     path = string.format("/v1/sources?near=%.1f,%.1f&radius_m=5000&limit=20", 60 + math.random(), 24 + 2 * math.random())
   elseif dice > 60 then
