@@ -344,6 +344,34 @@ def backup(out: Path, db: str) -> None:
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
+@sopdb.command("copy")
+@click.option("--from", "source", required=True, metavar="URL", help="The database that there is.")
+@click.option("--to", "target", required=True, metavar="URL", help="An empty one, or a file that is not there yet.")
+@sentences
+def copy_database(source: str, target: str) -> None:
+    """Copy a whole database into an empty one: from SQLite to PostgreSQL, or back.
+
+    \b
+      soopnav sopdb copy --from sqlite:///sopdb.sqlite3 --to postgresql://sopdb@db.example/signals
+
+    Ids, tokens and the audit trail stay what they are. The service may run meanwhile, but what it takes in after the
+    start of the copy is not in it: stop it first when moving.
+    """
+    from soopnav_cpp._extras import require
+
+    require("sqlalchemy", "sopdb", "the signal database")
+    require("alembic", "sopdb", "the signal database")
+    from soopnav_cpp.sopdb.copying import copy
+    from soopnav_cpp.sopdb.database import DatabaseUnavailableError
+
+    try:
+        counts = copy(source, target)
+    except DatabaseUnavailableError as error:
+        raise ValueError(str(error)) from error
+    for name in ("sources", "contributions", "tokens", "audit"):
+        click.echo(f"{name:<13}  {counts[name]}")
+
+
 def _many(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
