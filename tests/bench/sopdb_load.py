@@ -178,8 +178,10 @@ def main() -> int:
         if given.json:
             print(json.dumps(row))
         else:
-            print("{service:6} {load:10} {per_s:7.0f} requests/s   p50 {p50_ms:7.2f} ms   p90 {p90_ms:7.2f} ms   "
-                  "p99 {p99_ms:7.2f} ms   max {max_ms:7.1f} ms   refused {refused}   errors {errors}".format(**row))  # fmt: skip
+            print(
+                "{service:6} {load:10} {per_s:7.0f} requests/s   p50 {p50_ms:7.2f} ms   p90 {p90_ms:7.2f} ms   "
+                "p99 {p99_ms:7.2f} ms   max {max_ms:7.1f} ms   refused {refused}   errors {errors}".format(**row)
+            )
     bad = [row for row in rows if row["service"] == "ours" and (row["refused"] or row["errors"])]
     slow = rows[0]["p99_ms"] >= BAR_MS
     if bad or slow:

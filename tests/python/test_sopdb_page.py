@@ -147,9 +147,7 @@ def page(driver: webdriver.Chrome, service: Running) -> Page:
 
 
 def test_table_and_map_agree_and_nothing_is_fetched_elsewhere(page: Page, service: Running) -> None:
-    positioned = page.js(
-        "return [...document.querySelectorAll('#rows tr')].map((row) => row.dataset.id).sort().join()"
-    )
+    positioned = page.js("return [...document.querySelectorAll('#rows tr')].map((row) => row.dataset.id).sort().join()")
     marked = page.js("return [...document.querySelectorAll('.marker')].map((m) => m.dataset.id).sort().join()")
     without = [name for name in page.names() if name.startswith(("gps", "iridium"))]
     assert len(set(marked.split(","))) == 50 - len(without)
@@ -317,11 +315,16 @@ def test_hostile_names_are_text(page: Page) -> None:
     page.wait_rows(SOURCES - 50)
     assert set(HOSTILE) <= set(page.names())
     for name in HOSTILE[:2]:
-        page.js("[...document.querySelectorAll('#rows button')].find((b) => b.textContent === arguments[0]).click()", name)
+        page.js(
+            "[...document.querySelectorAll('#rows button')].find((b) => b.textContent === arguments[0]).click()", name
+        )
         page.wait(lambda: page.text("#detail-title") == name, "the panel")  # noqa: B023
         page.wait(lambda: page.all("svg.allan"), "the plot")
     assert page.js("return window.hacked") is None
-    assert page.js("return document.querySelectorAll('#page-sources img, #page-sources script, #page-sources b').length") == 0
+    assert (
+        page.js("return document.querySelectorAll('#page-sources img, #page-sources script, #page-sources b').length")
+        == 0
+    )
     assert page.complaints() == []
 
 
@@ -483,7 +486,9 @@ def test_tokens_quarantine_and_limits(driver: webdriver.Chrome, tmp_path: Path) 
         page.wait_rows(1)
         assert not page.one("#banner").is_displayed()
         assert page.js("return localStorage.length === 0 || !JSON.stringify(localStorage).includes('sop_')")
-        assert tokens["read"] not in page.js("return document.documentElement.outerHTML + location.href + document.cookie")
+        assert tokens["read"] not in page.js(
+            "return document.documentElement.outerHTML + location.href + document.cookie"
+        )
 
         page.click("#tab-admin")
         page.wait(lambda: "role does not allow" in page.text("#banner"), "the role is not enough")
@@ -532,7 +537,12 @@ def test_answers_that_go_wrong(driver: webdriver.Chrome, service: Running) -> No
                 if message["type"] == "lifespan.shutdown":
                     return
         path = scope["path"]
-        answers = {"429": (429, b"{}"), "500": (500, b"oops"), "html": (200, b"<p>login</p>"), "422": (422, b'{"detail": "no", "errors": [{"field": "limit", "message": "too large"}]}')}
+        answers = {
+            "429": (429, b"{}"),
+            "500": (500, b"oops"),
+            "html": (200, b"<p>login</p>"),
+            "422": (422, b'{"detail": "no", "errors": [{"field": "limit", "message": "too large"}]}'),
+        }
         status, data, extra = 200, b"", [(b"content-type", b"application/json")]
         if path.startswith("/v1/") and mode["now"] in answers:
             status, data = answers[mode["now"]]

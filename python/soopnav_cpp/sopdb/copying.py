@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from sqlalchemy import Connection, Engine, Table, func, insert, inspect, select, text
 from sqlalchemy.exc import DBAPIError
@@ -113,8 +114,6 @@ def _missing(engine: Engine) -> bool:
     path = engine.url.database
     if engine.dialect.name != "sqlite" or path is None:
         return False
-    from pathlib import Path
-
     return not Path(path).is_file()
 
 
@@ -124,8 +123,10 @@ def _refuse_used(engine: Engine) -> None:
     with engine.connect() as connection:
         there = set(inspect(connection).get_table_names())
         for table in Base.metadata.sorted_tables:
-            if table.name not in ("meta",) and table.name in there and _rows(connection, table):
-                raise ValueError(f"target {_shown(engine)} holds {table.name} already; an empty database expected")
+            if table.name != "meta" and table.name in there and _rows(connection, table):
+                raise ValueError(
+                    f"target {_shown(engine)} is in use: it holds {table.name}; an empty database expected"
+                )
 
 
 def _rows(connection: Connection, table: Table) -> int:
@@ -133,4 +134,4 @@ def _rows(connection: Connection, table: Table) -> int:
 
 
 def _shown(engine: Engine) -> str:
-    return engine.url.render_as_string(hide_password=True)
+    return engine.url.set(drivername=engine.url.get_backend_name()).render_as_string(hide_password=True)
