@@ -27,7 +27,18 @@ from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import Entry
 from soopnav_cpp.sopdb.matching import name_key
 from soopnav_cpp.sopdb.records import Characterization
-from soopnav_cpp.sopdb.schema import Alias, Audit, Contribution, Fused, Idempotency, Meta, Source, Token, Verdict, now_us
+from soopnav_cpp.sopdb.schema import (
+    Alias,
+    Audit,
+    Contribution,
+    Fused,
+    Idempotency,
+    Meta,
+    Source,
+    Token,
+    Verdict,
+    now_us,
+)
 from soopnav_cpp.sopdb.spatial import Box
 from soopnav_cpp.sopdb.writer import Writer
 
