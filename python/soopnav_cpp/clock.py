@@ -1,4 +1,4 @@
-"""Clocks: oscillators of two states, simulation, Allan deviations and fits to records.
+"""Clocks: oscillators of two states, simulation, Allan deviations, fits to records, coherence.
 
 A clock is `TwoState`: by the coefficients h0 and h-2 of its fractional-frequency noise. Filters take it as it is,
 ``process.NearlyConstantVelocity(0.1, clock=TwoState.tcxo())``. Biases are in seconds here, positive when the clock is
@@ -24,6 +24,15 @@ from soopnav_cpp._characterization import (
     estimate_clocks,
     iterate_noise,
     noise_likelihood,
+from soopnav_cpp._coherence import (
+    Coherence,
+    CoherenceTime,
+    coherence,
+    coherence_time,
+    expected_coherence,
+    mean_squared_coherence,
+    predetection_snr_db,
+    required_cn0_dbhz,
 )
 from soopnav_cpp._core import clock as _clock
 
@@ -44,6 +53,21 @@ __all__ = [
     "fit",
     "iterate_noise",
     "noise_likelihood",
+    "ClockNoise",
+    "ClockSeries",
+    "Coherence",
+    "CoherenceTime",
+    "Deviations",
+    "FittedClock",
+    "TwoState",
+    "allan_deviation",
+    "coherence",
+    "coherence_time",
+    "expected_coherence",
+    "fit",
+    "mean_squared_coherence",
+    "predetection_snr_db",
+    "required_cn0_dbhz",
 ]
 
 _Array = npt.NDArray[np.float64]

@@ -18,6 +18,13 @@ from soopnav_cpp._ambiguity import (
     tdoa_fdoa_crlb,
 )
 from soopnav_cpp._core import dsp as _dsp
+from soopnav_cpp._detection import (
+    cell_false_alarm,
+    detection_probability,
+    detection_threshold,
+    false_alarm_probability,
+    marcum_q,
+)
 
 __all__ = [
     "AmbiguityStatus",
@@ -25,11 +32,16 @@ __all__ = [
     "Surface",
     "TdoaFdoaBound",
     "ambiguity_surface",
+    "cell_false_alarm",
     "convolve",
     "correlate",
     "cross_ambiguity",
     "delay",
+    "detection_probability",
+    "detection_threshold",
+    "false_alarm_probability",
     "fft_library",
+    "marcum_q",
     "resample",
     "tdoa_fdoa_crlb",
 ]
