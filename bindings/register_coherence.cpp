@@ -103,8 +103,8 @@ void register_coherence(py::module_& m) {
         "The C/N0 that gives an SNR.");
   m.def(
       "marcum_q",
-      [](const std::vector<int>& m, const RealArray<"a">& a, const RealArray<"b">& b, bool complement) {
-        return coherence_by_three(m, a, b, [complement](int order, double x, double y) {
+      [](const std::vector<int>& orders, const RealArray<"a">& a, const RealArray<"b">& b, bool complement) {
+        return coherence_by_three(orders, a, b, [complement](int order, double x, double y) {
           return complement ? dsp::marcum_q_complement(order, x, y) : dsp::marcum_q(order, x, y);
         });
       },

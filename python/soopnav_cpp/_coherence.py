@@ -58,11 +58,13 @@ class Coherence:
     tau_s, mean_squared : ndarray
         Over overlapping windows of every record.
     lower, upper : ndarray
-        Band of the expectation: the smaller of C² and 1 - C² taken for chi-square of `effective` degrees of freedom.
+        Band of the expectation: the smaller of C² and 1 - C² taken for chi-square of `effective` degrees of freedom,
+        from the scatter of the records' means (eight records or more) or the scatter within each. A frequency that
+        wanders more slowly than one record lasts escapes that record's band.
     least : ndarray
         C² of the worst window.
     effective : ndarray
-        Windows that do not overlap: the records' lengths over τ.
+        Degrees of freedom; never more than windows that do not overlap.
     count : ndarray of int64
         Windows averaged.
     """

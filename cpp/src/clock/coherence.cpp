@@ -5,6 +5,7 @@
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -15,6 +16,7 @@ namespace soopnav::clock {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kEnsemble = 8.0;  // records from which on their scatter says more than each one's inside
 
 void require(bool holds, const char* name, double value, const char* rule) {
   if (!holds) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + " " + rule);
@@ -56,12 +58,38 @@ struct Running {
   }
 };
 
-// The band of an expectation whose estimate `mean` has chi-square scatter of `dof` (doc/coherence.md eq. 6).
-void set_band(Coherence& point, double confidence) {
+// Variance of the mean of one record's series of C²: its variance times the sum of its autocorrelation up to where that
+// first falls to zero (doc/coherence.md eq. 4). Thinned to a few hundred points, which overlapping windows can spare.
+double variance_of_mean(std::span<const double> series) {
+  constexpr std::size_t kPoints = 400;
+  const std::size_t step = std::max<std::size_t>(1, series.size() / kPoints);
+  std::vector<double> x;
+  double mean = 0.0;
+  for (std::size_t i = 0; i < series.size(); i += step) {
+    x.push_back(series[i]);
+    mean += series[i];
+  }
+  const auto count = static_cast<double>(x.size());
+  mean /= count;
+  for (double& value : x) value -= mean;
+  double sum = 0.0;
+  for (std::size_t lag = 0; lag < x.size(); ++lag) {
+    double product = 0.0;
+    for (std::size_t i = 0; i + lag < x.size(); ++i) product += x[i] * x[i + lag];
+    if (lag > 0 && product <= 0.0) break;
+    sum += lag == 0 ? product : 2.0 * product;
+  }
+  return sum / (count * count);
+}
+
+// The band of an expectation by chi-square scatter with the variance `spread` of its estimate (doc/coherence.md eqs. 5,
+// 6).
+void set_band(Coherence& point, double spread, double confidence) {
   const double tail = 0.5 * (1.0 - confidence);
   const bool coherent = point.mean_squared > 0.5;
   const double small = coherent ? 1.0 - point.mean_squared : point.mean_squared;
-  const double dof = point.effective;
+  const double dof = spread > 0.0 ? std::min(point.effective, 2.0 * small * small / spread) : point.effective;
+  point.effective = dof;
   const double low = small * dof / chi_square_upper_quantile(tail, dof);
   const double most = chi_square_quantile(tail, dof);
   const double high = std::min(1.0, small * dof > most ? 1.0 : small * dof / most);
@@ -139,10 +167,15 @@ std::vector<Coherence> mean_squared_coherence(std::span<const double> phase_cycl
     double effective = 0.0;
     double least = 1.0;
     std::size_t count = 0;
+    double within = 0.0;   // of the variances of the records' means
+    double means = 0.0;    // of the records' means ...
+    double squares = 0.0;  // ... and of their squares
+    double records = 0.0;
   };
   std::vector<Sums> sums(samples.size());
   const std::size_t length = phase_cycles.size() / runs;
   std::vector<double> record(length);
+  std::vector<double> series;
   for (std::size_t run = 0; run < runs; ++run) {
     const auto from = phase_cycles.subspan(run * length, length);
     std::copy(from.begin(), from.end(), record.begin());
@@ -152,19 +185,25 @@ std::vector<Coherence> mean_squared_coherence(std::span<const double> phase_cycl
       const std::size_t n = samples[k];
       if (n > length) continue;
       const std::size_t windows = length - n + 1;
-      std::size_t here = 0;
+      series.clear();
       Sums& s = sums[k];
       for (std::size_t i = 0; i < windows; ++i) {
         const double c2 = running.squared(i, n);
         if (std::isnan(c2)) continue;
-        ++here;
+        series.push_back(c2);
         s.mean += c2;
         s.least = std::min(s.least, c2);
       }
-      s.count += here;
+      if (series.empty()) continue;
+      const auto here = static_cast<double>(series.size());
+      const double mean = std::accumulate(series.begin(), series.end(), 0.0) / here;
+      s.count += series.size();
       // Gaps cost windows as a shorter record would.
-      s.effective += static_cast<double>(length) / static_cast<double>(n) * static_cast<double>(here) /
-                     static_cast<double>(windows);
+      s.effective += static_cast<double>(length) / static_cast<double>(n) * here / static_cast<double>(windows);
+      s.within += variance_of_mean(series);
+      s.means += mean;
+      s.squares += mean * mean;
+      s.records += 1.0;
     }
   }
   std::vector<Coherence> out;
@@ -176,7 +215,9 @@ std::vector<Coherence> mean_squared_coherence(std::span<const double> phase_cycl
                     .least = s.least,
                     .effective = s.effective,
                     .count = s.count};
-    set_band(point, options.confidence);
+    // Of many records their own scatter; of few what shows within them.
+    const double between = (s.squares - s.means * s.means / s.records) / (s.records - 1.0) / s.records;
+    set_band(point, s.records >= kEnsemble ? between : s.within / (s.records * s.records), options.confidence);
     out.push_back(point);
   }
   return out;
@@ -200,10 +241,13 @@ CoherenceTime coherence_time(std::span<const double> tau_s, std::span<const doub
                                 std::to_string(mean_squared.size()) + " for " + std::to_string(tau_s.size()));
   }
   for (std::size_t i = 0; i < tau_s.size(); ++i) {
-    const std::string at = "[" + std::to_string(i) + "]";
-    require(std::isfinite(mean_squared[i]), ("mean_squared" + at).c_str(), mean_squared[i], "must be finite");
-    require(std::isfinite(tau_s[i]) && (i == 0 || tau_s[i] > tau_s[i - 1]), ("tau_s" + at).c_str(), tau_s[i],
-            "must be finite and above the one before it");
+    if (!std::isfinite(mean_squared[i])) {
+      throw std::invalid_argument("mean_squared[" + std::to_string(i) + "] must be finite");
+    }
+    if (!std::isfinite(tau_s[i]) || (i > 0 && !(tau_s[i] > tau_s[i - 1]))) {
+      throw std::invalid_argument("tau_s[" + std::to_string(i) + "] = " + std::to_string(tau_s[i]) +
+                                  " must be finite and above the one before it");
+    }
   }
   if (mean_squared[0] < level) return {tau_s[0], false};
   for (std::size_t i = 1; i < tau_s.size(); ++i) {

@@ -94,7 +94,7 @@ double peak_of(double m, double x, double y) noexcept { return 2.0 * x * y / (m 
 // sum_k pois(k; y) P(G_{M+k} > x): upwards, where each tail is the one before it plus a positive term.
 double mixed_upper(double m, double x, double y) noexcept {
   const double peak = peak_of(m, x, y);
-  const double low = std::max(0.0, std::floor(peak - 14.0 * std::sqrt(peak) - 30.0));
+  const double low = std::max(0.0, std::floor(peak - 7.0 * std::sqrt(peak) - 5.0));
   double weight = poisson(low, y);
   double tail = upper_tail(m + low, x);
   double step = poisson(m + low, x);
@@ -113,13 +113,14 @@ double mixed_upper(double m, double x, double y) noexcept {
 // sum_k pois(k; y) P(G_{M+k} <= x): downwards, for the same reason.
 double mixed_lower(double m, double x, double y) noexcept {
   const double peak = peak_of(m, x, y);
-  double high = std::ceil(peak + 14.0 * std::sqrt(peak) + 70.0);
+  double high = std::ceil(peak + 8.0 * std::sqrt(peak) + 40.0);
   double weight = poisson(high, y);
-  while (weight < 1e-290 && high > peak + 1.0) {  // a weight that is lost is lost for all below it
+  double tail = lower_tail(m + high, x);
+  while ((weight < 1e-290 || tail < 1e-290) && high > peak + 1.0) {  // what is lost here is lost for all below it
     high = std::floor(peak + 0.9 * (high - peak));
     weight = poisson(high, y);
+    tail = lower_tail(m + high, x);
   }
-  double tail = lower_tail(m + high, x);
   double step = poisson(m + high - 1.0, x);
   double sum = 0.0;
   for (double k = high; k >= 0.0; k -= 1.0) {

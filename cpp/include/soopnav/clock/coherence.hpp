@@ -34,7 +34,7 @@ struct Coherence {
   double lower = 0.0;         ///< the expectation lies between these with the asked confidence ...
   double upper = 0.0;         ///< ... (doc/coherence.md eq. 6)
   double least = 0.0;         ///< C² of the worst window
-  double effective = 0.0;     ///< windows that do not overlap: the records' lengths over τ
+  double effective = 0.0;     ///< degrees of freedom of the band
   std::size_t count = 0;      ///< windows averaged
 };
 
@@ -45,9 +45,11 @@ struct CoherenceOptions {
 
 /// ⟨C²(τ)⟩ of records of phase every `dt_s`, overlapping windows of `samples` phases each (τ = samples dt).
 ///
-/// Band: the mean over N_eff windows that do not overlap of the smaller of C² and 1 - C² is taken for chi-square of
-/// N_eff degrees of freedom (doc/coherence.md eqs. 4 to 6), cut to [0, 1]. One record of a few τ so has a wide one:
-/// give several for a narrow one. Windows with NaN are left out, and so are times that no window of any record fits.
+/// Band: the smaller of C² and 1 - C² is taken for chi-square, of as many degrees of freedom as the scatter of the mean
+/// says and never more than windows that do not overlap (doc/coherence.md eqs. 4 to 6); cut to [0, 1]. The scatter is
+/// that of the records' means from eight records on, otherwise that within each one, which a wander longer than the
+/// record escapes: one record of few τ has a wide band, and of a wandering frequency still too narrow a one. Windows
+/// with NaN are left out, and so are times that no window of any record fits.
 /// `runs` records of one length lie one after the other in `phase_cycles`. O(phases) for each time.
 /// @throws std::invalid_argument unless dt_s is positive and finite, runs >= 1 divides the phases, no phase is
 /// infinite, every number of samples is at least 1 and confidence is in (0, 1).
