@@ -22,23 +22,23 @@ struct AcquisitionOptions {
 
 /// A pilot that was found.
 struct Acquisition {
-  double delay_s = 0.0;          ///< of chip 0 of offset 0 after the first sample, in [0, 26.67 ms)
-  double sigma_delay_s = 0.0;    ///< 1 σ, Cramér-Rao bound of a rectangular chip sampled so, at least
-  double doppler_hz = 0.0;       ///< positive when approaching
+  double delay_s = 0.0;        ///< of chip 0 of offset 0 after the first sample, in [0, 26.67 ms)
+  double sigma_delay_s = 0.0;  ///< 1 σ, Cramér-Rao bound of a rectangular chip sampled so, at least
+  double doppler_hz = 0.0;     ///< positive when approaching
   double sigma_doppler_hz = 0.0;
-  double cn0_dbhz = 0.0;         ///< of the pilot against all else in the band
+  double cn0_dbhz = 0.0;  ///< of the pilot against all else in the band
   double sigma_cn0_db = 0.0;
-  double statistic = 0.0;        ///< sum of |correlation|² over noise, of mean `noncoherent` in noise
+  double statistic = 0.0;  ///< sum of |correlation|² over noise, of mean `noncoherent` in noise
   /// Offset whose first chip is nearest before: 64 * pn_offset chips lie within the delay, the rest is excess_s. Only a
   /// receiver whose first sample lies on a multiple of 26.67 ms of system time may take it for the base station's name
   /// (`offset_candidates`).
   int pn_offset = 0;
-  double excess_s = 0.0;         ///< in [0, 52.08 us)
+  double excess_s = 0.0;  ///< in [0, 52.08 us)
 };
 
-/// Offsets k in [0, 511] that explain a delay, when the first sample lies `start_s` after a multiple of the code period of
-/// system time, known to +-`start_error_s`, and the signal travelled between 0 and `max_travel_s`. Written to
-/// `out`, smallest first; returns how many there are, which may be more than `out` takes. No allocation.
+/// Offsets k in [0, 511] that explain a delay, when the first sample lies `start_s` after a multiple of the code period
+/// of system time, known to +-`start_error_s`, and the signal travelled between 0 and `max_travel_s`. Written to `out`,
+/// smallest first; returns how many there are, which may be more than `out` takes. No allocation.
 [[nodiscard]] std::size_t offset_candidates(double delay_s, double start_s, double start_error_s, double max_travel_s,
                                             std::span<int> out) noexcept;
 
@@ -59,9 +59,9 @@ class PilotSearcher {
   PilotSearcher& operator=(PilotSearcher&&) noexcept;
 
   [[nodiscard]] const AcquisitionOptions& options() const noexcept;
-  [[nodiscard]] std::size_t samples() const noexcept;    ///< that a search takes
-  [[nodiscard]] std::size_t cells() const noexcept;      ///< delays times Dopplers
-  [[nodiscard]] double threshold() const noexcept;       ///< of the statistic
+  [[nodiscard]] std::size_t samples() const noexcept;      ///< that a search takes
+  [[nodiscard]] std::size_t cells() const noexcept;        ///< delays times Dopplers
+  [[nodiscard]] double threshold() const noexcept;         ///< of the statistic
   [[nodiscard]] double cell_false_alarm() const noexcept;  ///< probability that noise passes it in one cell
 
   /// Pilots in the first `samples()` samples, strongest first, in memory of this object (valid until the next call).

@@ -10,13 +10,13 @@
 /// cdma2000 (spreading rate 1) and IS-95 forward link: pilot codes, signals, acquisition.
 namespace soopnav::cdma {
 
-inline constexpr std::size_t kCodeLength = 32768;                           ///< chips of a short code
-inline constexpr double kChipRateHz = 1.2288e6;                             ///< chips a second
-inline constexpr double kCodePeriodS = 80e-3 / 3.0;                         ///< of a whole code; 75 in 2 s
-inline constexpr int kOffsets = 512;                                        ///< pilots told apart by their offsets
-inline constexpr std::size_t kOffsetChips = 64;                             ///< between neighbouring offsets
+inline constexpr std::size_t kCodeLength = 32768;    ///< chips of a short code
+inline constexpr double kChipRateHz = 1.2288e6;      ///< chips a second
+inline constexpr double kCodePeriodS = 80e-3 / 3.0;  ///< of a whole code; 75 in 2 s
+inline constexpr int kOffsets = 512;                 ///< pilots told apart by their offsets
+inline constexpr std::size_t kOffsetChips = 64;      ///< between neighbouring offsets
 inline constexpr double kOffsetS = static_cast<double>(kOffsetChips) / kChipRateHz;  ///< 52.083 us
-inline constexpr std::size_t kWalshLength = 64;                             ///< chips of a Walsh code
+inline constexpr std::size_t kWalshLength = 64;                                      ///< chips of a Walsh code
 
 /// Chips +1 (logical 0) and -1 (logical 1), in the order of transmission.
 using ShortCode = std::array<std::int8_t, kCodeLength>;
@@ -39,8 +39,8 @@ struct ShortCodes {
 /// Throws std::invalid_argument unless `pn_offset` is in [0, 511]. Allocates the 32 768 chips.
 [[nodiscard]] std::vector<Cf32> pilot_code(int pn_offset = 0);
 
-/// Chip `chip` (mod 64) of Walsh code `index` (mod 64): +1 or -1, (-1)^(number of ones in index & chip) (C.S0002 section
-/// 3.1.3.1.12). Walsh code 0 is the pilot's.
+/// Chip `chip` (mod 64) of Walsh code `index` (mod 64): +1 or -1, (-1)^(number of ones in index & chip) (C.S0002
+/// section 3.1.3.1.12). Walsh code 0 is the pilot's.
 [[nodiscard]] int walsh_chip(std::size_t index, std::size_t chip) noexcept;
 
 }  // namespace soopnav::cdma

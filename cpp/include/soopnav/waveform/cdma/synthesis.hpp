@@ -19,11 +19,11 @@ struct WalshChannel {
 
 /// One base station's signal at an antenna.
 struct PilotSignal {
-  int pn_offset = 0;                     ///< 0 ... 511
-  double delay_s = 0.0;                  ///< when chip 0 of offset 0 would begin, after the first sample; any sign
-  double doppler_hz = 0.0;               ///< positive when approaching; the code runs faster by as much, |doppler| <= 1e6
-  double phase_cycles = 0.0;             ///< of the carrier at the first sample
-  double cn0_dbhz = 45.0;                ///< the pilot's carrier to noise density, noise of variance 1 a sample
+  int pn_offset = 0;          ///< 0 ... 511
+  double delay_s = 0.0;       ///< when chip 0 of offset 0 would begin, after the first sample; any sign
+  double doppler_hz = 0.0;    ///< positive when approaching; the code runs faster by as much, |doppler| <= 1e6
+  double phase_cycles = 0.0;  ///< of the carrier at the first sample
+  double cn0_dbhz = 45.0;     ///< the pilot's carrier to noise density, noise of variance 1 a sample
   std::vector<WalshChannel> channels{};  ///< random QPSK symbols of 64 chips on each
 };
 
@@ -36,10 +36,10 @@ enum class ChipShape : std::uint8_t {
 /// What all signals of a generator share.
 struct SynthesisOptions {
   double sample_rate_hz = 2.4576e6;
-  double intermediate_hz = 0.0;     ///< where the carrier without Doppler lies in the samples
-  double carrier_hz = 1.93125e9;    ///< which Doppler moves the code by
+  double intermediate_hz = 0.0;   ///< where the carrier without Doppler lies in the samples
+  double carrier_hz = 1.93125e9;  ///< which Doppler moves the code by
   ChipShape shape = ChipShape::kRectangular;
-  std::uint64_t data_seed = 1;      ///< of the other channels' symbols
+  std::uint64_t data_seed = 1;  ///< of the other channels' symbols
 };
 
 /// Makes the sum of base stations' signals, block after block.

@@ -14,8 +14,8 @@ namespace soopnav::tracking {
 struct Loop {
   int order = 2;  ///< 1, 2 or 3
   double interval_s = 1e-3;
-  double bandwidth_hz = 10.0;      ///< one-sided noise bandwidth B: variance of the phase B N0 / C [rad²]
-  std::array<double, 3> gain{};    ///< of phase, rate, rate of rate; those beyond the order are 0
+  double bandwidth_hz = 10.0;    ///< one-sided noise bandwidth B: variance of the phase B N0 / C [rad²]
+  std::array<double, 3> gain{};  ///< of phase, rate, rate of rate; those beyond the order are 0
 };
 
 /// The loop of an order with a noise bandwidth: poles z = exp(s T) of a critically scaled prototype, s a circle's
@@ -60,6 +60,7 @@ struct LoopVariance {
 
 /// Variance [chips²] of the code delay from early-late times prompt over `interval_s` of integrations of
 /// `integration_s`: d / (4 T C/N0) (1 + 1 / (T_i C/N0)) (eq. 17; d between early and late).
-[[nodiscard]] double code_variance(double cn0_hz, double interval_s, double integration_s, double spacing_chips) noexcept;
+[[nodiscard]] double code_variance(double cn0_hz, double interval_s, double integration_s,
+                                   double spacing_chips) noexcept;
 
 }  // namespace soopnav::tracking
