@@ -16,6 +16,7 @@ namespace soopnav::clock {
 namespace {
 
 constexpr double kPriorSigma = 6.907755278982137;  // ln 1000
+constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
 // Solves a symmetric positive definite system in place by Cholesky; false when it is not.
 bool solve_spd(std::vector<double> a, std::vector<double>& x) {
@@ -100,8 +101,9 @@ struct Search {
     }
   }
 
-  // Fisher scoring; a step's length is damped until the likelihood rises, a parameter at its bound rests there.
-  [[nodiscard]] NoiseMaximum from(std::vector<Oscillator> clocks) const {
+  // Fisher scoring; a step's length is damped until the likelihood rises, a parameter at its bound rests there, and so
+  // does the one that is `held`.
+  [[nodiscard]] NoiseMaximum from(std::vector<Oscillator> clocks, std::size_t held = kNone) const {
     const std::size_t n = 2 * estimated.size();
     std::vector<double> theta(n);
     for (std::size_t i = 0; i < n; ++i) {
@@ -116,15 +118,16 @@ struct Search {
     for (; out.iterations < options.max_iterations && !out.converged; ++out.iterations) {
       std::vector<double> a(n * n, 0.0);
       std::vector<double> step(n, 0.0);
+      const auto rests = [&](std::size_t i) {
+        return i == held || (theta[i] <= lower(i) && now.score[i] < 0.0) ||
+               (theta[i] >= upper(i) && now.score[i] > 0.0);
+      };
       for (std::size_t i = 0; i < n; ++i) {
-        const bool rests = (theta[i] <= lower(i) && now.score[i] < 0.0) || (theta[i] >= upper(i) && now.score[i] > 0.0);
-        step[i] = rests ? 0.0 : now.score[i];
-        for (std::size_t j = 0; j < n && !rests; ++j) {
-          const bool other_rests =
-              (theta[j] <= lower(j) && now.score[j] < 0.0) || (theta[j] >= upper(j) && now.score[j] > 0.0);
-          if (!other_rests) a[i * n + j] = now.information[i * n + j];
+        step[i] = rests(i) ? 0.0 : now.score[i];
+        for (std::size_t j = 0; j < n && !rests(i); ++j) {
+          if (!rests(j)) a[i * n + j] = now.information[i * n + j];
         }
-        a[i * n + i] += rests ? 1.0 : damping * (now.information[i * n + i] + 1e-3);
+        a[i * n + i] += rests(i) ? 1.0 : damping * (now.information[i * n + i] + 1e-3);
       }
       const std::vector<double> gradient = step;
       if (!solve_spd(a, step)) {
@@ -133,7 +136,7 @@ struct Search {
       }
       double promised = 0.0;
       for (std::size_t i = 0; i < n; ++i) promised += gradient[i] * step[i];
-      if (promised < 1e-7 && damping < 1.0) {
+      if (promised < 1e-6 && damping < 1.0) {
         out.converged = true;
         break;
       }
@@ -255,10 +258,13 @@ CharacterizationResult characterize(const PhaseLikelihood& likelihood, std::span
   }
   for (std::size_t i = 0; i < n; ++i) {
     bool known = std::sqrt(out.ln_covariance[i * n + i]) <= options.identifiable_sigma;
-    const std::size_t c = estimated[i / 2];
-    const auto of = [&](const NoiseMaximum& m) { return i % 2 == 0 ? m.clocks[c].h0 : m.clocks[c].h_minus_2; };
-    for (const auto& other : out.alternatives) {
-      known = known && std::abs(std::log(of(other) / of(out.best))) <= 2.0 * options.identifiable_sigma;
+    // Several clocks: a likelihood is far from quadratic along the split of a sum. Two sigmas down it must have fallen
+    // by two, whatever the others do.
+    if (known && estimated.size() > 1) {
+      auto less = out.best.clocks;
+      double& h = i % 2 == 0 ? less[estimated[i / 2]].h0 : less[estimated[i / 2]].h_minus_2;
+      h *= std::exp(-2.0 * options.identifiable_sigma);
+      known = by.from(less, i).log_likelihood < out.best.log_likelihood - 2.0;
     }
     out.identifiable.push_back(known);
   }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp.clock import allan_deviation, error_allan_variance
+from soopnav_cpp.clock import allan_deviation, coherence_time, error_allan_variance, mean_squared_coherence
 from soopnav_cpp.experiments.pesyna_full import navigate
 from soopnav_cpp.experiments.pesyna_setup import (
     DT_S,
@@ -42,10 +42,9 @@ from soopnav_cpp.experiments.registry import (
     style,
 )
 
-__all__ = ["Stages", "mean_squared_coherences", "stages"]
+__all__ = ["stages"]
 
 Array = npt.NDArray[np.float64]
-Stages = dict[str, Any]
 
 BLUE, RED, GREY, GREEN = "#1b6ca8", "#d1495b", "#5c677d", "#2e933c"
 TAU_S = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
@@ -118,8 +117,8 @@ def figure_3(lab: Lab) -> Iterator[Claim]:
         short = TAU_S <= 5.0
         claims += [
             Claim(
-                f"{title}: Allan variance of the smoothed clock and that of the smoother's own error, from its covariance "
-                f"with lags, over the model's, 0.2 to 5 s, mean of {lab.runs} runs",
+                f"{title}: Allan variance of the smoothed clock and that of the smoother's own error, from its "
+                f"covariance with lags, over the model's, 0.2 to 5 s, mean of {lab.runs} runs",
                 total[short],
                 band(0.9, 1.1),
             ),
@@ -136,8 +135,8 @@ def figure_3(lab: Lab) -> Iterator[Claim]:
                 band(0.97, 1.03),
             ),
             Claim(
-                f"{title}: Allan deviation of the filtered clock from its cold start, over the model's, 0.2, 0.5 and 1 s, "
-                f"{WHOLE} runs",
+                f"{title}: Allan deviation of the filtered clock from its cold start, over the model's, 0.2, 0.5 and "
+                f"1 s, {WHOLE} runs",
                 cold[0, :3],
                 at_least(2.0),
             ),
@@ -241,8 +240,8 @@ def three_stages(lab: Lab, receiver: Receiver) -> Iterator[Claim]:
     )
     for column, against in ((2, "the true clock"), (3, "stage 1's estimate")):
         yield Claim(
-            f"{title}: share of {lab.runs} runs whose CDMA-only clock, detrended once, stays within half a cycle at L1 of "
-            f"{against} for 240 s",
+            f"{title}: share of {lab.runs} runs whose CDMA-only clock, detrended once, stays within half a cycle at L1 "
+            f"of {against} for 240 s",
             float(np.mean(greatest[:, column] <= 0.5)),
             at_least(0.99),
         )
@@ -286,3 +285,62 @@ def figure_9(lab: Lab) -> Iterator[Claim]:
 def figure_10(lab: Lab) -> Iterator[Claim]:
     """Own characterisation in stage 2; the record detrended once."""
     yield from three_stages(lab, "tcxo")
+
+
+@experiment(
+    "pesyna-11",
+    title="Mean-squared coherence of the CDMA-only clock",
+    source="pesyna section V-D, fig. 11, eqs. 13 to 15",
+    runs=COHERENCE_RUNS,
+)
+def figure_11(lab: Lab) -> Iterator[Claim]:
+    """Own characterisation; each record of 240 s detrended once, windows overlapping."""
+    kept: dict[str, npt.ArrayLike] = {"tau_s": COHERENCE_TAU_S}
+    claims: list[Claim] = []
+    with lab.figure(7.2, 4.4) as figure:
+        axes = figure.add_subplot()
+        style(axes, f"Mean-squared coherence, {lab.runs} runs of 240 s", "integration time τ [s]", "⟨C²(τ)⟩ at L1")
+        for name, colour in (("ocxo", BLUE), ("tcxo", RED)):
+            title = name.upper()
+            aided = np.array(lab.map(aided_clock_error, name))
+            alone = np.array(lab.map(unaided_clock_error, name))
+            each = np.array([mean_squared_coherence(error, DT_S, COHERENCE_TAU_S).mean_squared for error in aided])
+            mean = each.mean(axis=0)
+            bare = mean_squared_coherence(alone, DT_S, COHERENCE_TAU_S).mean_squared
+            axes.fill_between(COHERENCE_TAU_S, *np.quantile(each, [0.05, 0.95], axis=0), color=colour, alpha=0.15, lw=0)
+            axes.plot(COHERENCE_TAU_S, mean, "-", color=colour, lw=1.8, label=f"{title}, CDMA only: mean, 5 to 95 %")
+            axes.plot(COHERENCE_TAU_S, bare, "--", color=colour, lw=1.3, label=f"{title}, unaided")
+            until = coherence_time(COHERENCE_TAU_S, mean)
+            kept |= {f"{name}_each": each, f"{name}_unaided": bare}
+            at_100_s = each[:, AT_100_S]
+            claims += [
+                Claim(
+                    f"{title}: ⟨C²(100 s)⟩ of the CDMA-only error, mean of {lab.runs} runs",
+                    float(at_100_s.mean()),
+                    at_least(0.8),
+                ),
+                Claim(
+                    f"{title}: share of runs with C²(100 s) ≥ 0.5 (one in thousands falls below)",
+                    float(np.mean(at_100_s >= 0.5)),
+                    at_least(0.98),
+                ),
+                Claim(f"{title}: least C²(100 s) of all runs", float(at_100_s.min()), at_least(0.3)),
+                Claim(f"{title}: ⟨C²⟩ first drops below 0.5, 200 s when it does not", until.tau_s, above(100.0, "s")),
+            ]
+            if name == "tcxo":
+                claims.append(Claim("TCXO unaided: ⟨C²(100 s)⟩", bare[AT_100_S], below(0.05)))
+            else:
+                claims.append(
+                    Claim(
+                        "OCXO: what the aid adds to ⟨C²(100 s)⟩, which unaided is about 0.36",
+                        at_100_s.mean() - bare[AT_100_S],
+                        at_least(0.4),
+                    )
+                )
+        axes.axhline(0.5, color=GREY, lw=0.9, ls=":")
+        axes.text(199.0, 0.515, "coherence time: 0.5", fontsize=8, color=GREY, ha="right")
+        axes.set_xlim(0.0, 200.0)
+        axes.set_ylim(0.0, 1.02)
+        axes.legend(fontsize=8, loc=(0.5, 0.55))
+    lab.save(**kept)
+    yield from claims

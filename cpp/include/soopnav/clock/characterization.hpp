@@ -93,7 +93,8 @@ class PhaseLikelihood {
 
 struct CharacterizationOptions {
   int max_iterations = 200;
-  /// A parameter is identifiable when its logarithm's standard deviation is at most this: a factor of two.
+  /// A parameter is identifiable when its logarithm's standard deviation is at most this, a factor of two, and, with
+  /// several clocks, when the likelihood maximised over the others falls by two over two of it downwards.
   double identifiable_sigma = 0.6931471805599453;
   /// Other maxima within so much of the greatest log-likelihood are kept: two degrees of freedom at about 5 %.
   double alternative_drop = 3.0;
