@@ -135,7 +135,7 @@ def draw(lab: Lab, runs: dict[str, list[Weak]]) -> None:
         left.plot(1.0, 1.0, "*", color=GREEN, ms=11, label="truth")
         left.set_xlim(1e-15, 1e3)
         left.set_ylim(1e-15, 1e3)
-        left.legend(fontsize=7.5, loc="lower left")
+        left.legend(fontsize=7.5, loc=(0.26, 0.27))
         style(middle, "Multiple models", "time [s]", "probability of the right order")
         t = DT_S * BLOCK * np.arange(1, EPOCHS // BLOCK + 1)
         for (name, group), colour in zip(runs.items(), (RED, BLUE), strict=True):
@@ -143,7 +143,7 @@ def draw(lab: Lab, runs: dict[str, list[Weak]]) -> None:
                 middle.plot(t, run.right_order, color=colour, lw=0.9, alpha=0.7, label=name.upper() if k == 0 else None)
         middle.set_ylim(0.0, 1.03)
         middle.legend(fontsize=8, loc="lower right", title="receiver", title_fontsize=8)
-        style(right, "Mean C²(100 s) of the CDMA-only clock", "", "")
+        style(right, "Mean C²(100 s), CDMA only", "", "")
         names = ("true noise", "multiple models", "iteration, equal start", "iteration, swapped start")
         for k, ((name, group), colour) in enumerate(zip(runs.items(), (RED, BLUE), strict=True)):
             mean = np.nanmean([run.coherence for run in group], axis=0)

@@ -261,11 +261,12 @@ def three_stages(lab: Lab, receiver: Receiver) -> Iterator[Claim]:
     else:
         yield Claim("OCXO: the clock itself wanders about a cycle, median of 240 s", wanders, band(0.4, 1.2, "cycles"))
     yield Claim(
-        f"{title}: the whole navigator (position, clocks, eight ambiguities) beside the reduced one, {COMPARED} runs, "
-        "greatest detrended difference of stages 1, 2 and 3",
-        apart.max(axis=0),
-        at_most(0.002, "cycle"),
+        f"{title}: the whole navigator (position, clocks, ambiguities) beside the reduced one, {COMPARED} runs, greatest "
+        "detrended difference of stage 1, whose position starts 100 m off",
+        apart[:, 0].max(),
+        at_most(0.05, "cycle"),
     )
+    yield Claim(f"{title}: the same of stages 2 and 3", apart[:, 1:].max(axis=0), at_most(0.002, "cycle"))
 
 
 @experiment(
@@ -300,7 +301,7 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
     with lab.figure(7.2, 4.4) as figure:
         axes = figure.add_subplot()
         style(axes, f"Mean-squared coherence, {lab.runs} runs of 240 s", "integration time τ [s]", "⟨C²(τ)⟩ at L1")
-        for name, colour in (("ocxo", BLUE), ("tcxo", RED)):
+        for name, colour, line in (("ocxo", BLUE, "-"), ("tcxo", RED, (0, (4, 3)))):
             title = name.upper()
             aided = np.array(lab.map(aided_clock_error, name))
             alone = np.array(lab.map(unaided_clock_error, name))
@@ -308,8 +309,8 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
             mean = each.mean(axis=0)
             bare = mean_squared_coherence(alone, DT_S, COHERENCE_TAU_S).mean_squared
             axes.fill_between(COHERENCE_TAU_S, *np.quantile(each, [0.05, 0.95], axis=0), color=colour, alpha=0.15, lw=0)
-            axes.plot(COHERENCE_TAU_S, mean, "-", color=colour, lw=1.8, label=f"{title}, CDMA only: mean, 5 to 95 %")
-            axes.plot(COHERENCE_TAU_S, bare, "--", color=colour, lw=1.3, label=f"{title}, unaided")
+            axes.plot(COHERENCE_TAU_S, mean, line, color=colour, lw=2.0, label=f"{title}, CDMA only: mean, 5 to 95 %")
+            axes.plot(COHERENCE_TAU_S, bare, ":", color=colour, lw=1.3, label=f"{title}, unaided")
             until = coherence_time(COHERENCE_TAU_S, mean)
             kept |= {f"{name}_each": each, f"{name}_unaided": bare}
             at_100_s = each[:, AT_100_S]
@@ -341,6 +342,6 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
         axes.text(199.0, 0.515, "coherence time: 0.5", fontsize=8, color=GREY, ha="right")
         axes.set_xlim(0.0, 200.0)
         axes.set_ylim(0.0, 1.02)
-        axes.legend(fontsize=8, loc=(0.5, 0.55))
+        axes.legend(fontsize=8, loc=(0.55, 0.11))
     lab.save(**kept)
     yield from claims
