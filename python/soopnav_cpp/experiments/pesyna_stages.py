@@ -259,10 +259,10 @@ def three_stages(lab: Lab, receiver: Receiver) -> Iterator[Claim]:
     if receiver == "tcxo":
         yield Claim("TCXO: the clock itself wanders many cycles, median of 240 s", wanders, above(10.0, "cycles"))
     else:
-        yield Claim("OCXO: the clock itself wanders about a cycle, median of 240 s", wanders, band(0.4, 1.2, "cycles"))
+        yield Claim("OCXO: the clock itself wanders a cycle, median of 240 s", wanders, band(0.4, 1.2, "cycles"))
     yield Claim(
-        f"{title}: the whole navigator (position, clocks, ambiguities) beside the reduced one, {COMPARED} runs, greatest "
-        "detrended difference of stage 1, whose position starts 100 m off",
+        f"{title}: the whole navigator (position, clocks, ambiguities) beside the reduced one, {COMPARED} runs, "
+        "greatest detrended difference of stage 1, whose position starts 100 m off",
         apart[:, 0].max(),
         at_most(0.05, "cycle"),
     )
