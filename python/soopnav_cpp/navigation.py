@@ -55,6 +55,7 @@ from soopnav_cpp._opportunistic import (
     OpportunisticSmoothed,
     OpportunisticSourceState,
 )
+from soopnav_cpp._phase_stitcher import BurstStatus, PhaseStitcher, StitchedPhase, stitch_phase
 from soopnav_cpp._source import (
     BearingUse,
     SourceFix,
@@ -71,6 +72,7 @@ from soopnav_cpp._strapdown import StrapdownNavigator, StrapdownRun, StrapdownSt
 
 __all__ = [
     "BearingUse",
+    "BurstStatus",
     "CooperativeGroup",
     "CooperativeRun",
     "CooperativeTracker",
@@ -108,6 +110,7 @@ __all__ = [
     "PairStart",
     "PairStartStatus",
     "PairUse",
+    "PhaseStitcher",
     "PlanarStart",
     "PositionFix",
     "RangeChanges",
@@ -120,6 +123,7 @@ __all__ = [
     "SourceStatus",
     "SourceTrack",
     "SourceTracks",
+    "StitchedPhase",
     "StrapdownNavigator",
     "StrapdownRun",
     "StrapdownStart",
@@ -137,6 +141,7 @@ __all__ = [
     "source_crlb",
     "start_node",
     "start_pair",
+    "stitch_phase",
     "strapdown_errors",
 ]
 
