@@ -15,12 +15,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 import sqlalchemy
 from sopdb_api import Api
-from sopdb_bodies import characterization, clock, position
+from sopdb_bodies import characterization, clock, noise, position
 
 from soopnav_cpp.sopdb import answers as answers_module
 from soopnav_cpp.sopdb.contributing import Contributor
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
+from soopnav_cpp.sopdb.fusion import Entry, SourceState, answer_quality
 from soopnav_cpp.sopdb.records import AnsweredSource, Characterization
+from soopnav_cpp.sopdb.rendering import Rendered, zulu
 from soopnav_cpp.sopdb.store import Store
 
 pytestmark = pytest.mark.unit
@@ -194,6 +196,45 @@ def test_what_is_kept_is_never_older_than_a_write(api: Api) -> None:
             other.contribute(
                 Characterization.model_validate(characterization(clock=clock(40.0 - k))), Contributor(f"other{k}")
             ).result(30.0)
+
+
+def test_a_source_that_goes_is_not_answered_from_memory(api: Api) -> None:
+    api.contribute(characterization())
+    api.contribute(characterization("other"))
+    assert api.get("/v1/sources/1").status_code == 200
+    api.post("/v1/characterizations/1/reject")
+    assert api.get("/v1/sources/1").status_code == 404
+    assert [source["name"] for source in api.get("/v1/sources").json()["sources"]] == ["other"]
+    api.post("/v1/characterizations/1/release")
+    assert api.get("/v1/sources/1").status_code == 200
+
+
+@pytest.mark.law
+def test_text_is_that_of_the_state(api: Api) -> None:
+    parts: dict[str, Any] = {"position": position(-33.9, 151.2), "clock": clock(4000.0), "noise": noise()}
+    for k in range(1, 8):
+        kept = {name: parts[name] if k >> bit & 1 else None for bit, name in enumerate(parts)}
+        name = 'ÅÄÖ "quoted" \\ \u2028 <b>' if k == 7 else f"s{k}"
+        assert api.contribute(characterization(name, **kept)).json()["status"] == "accepted"
+        row = api.store.source_rows([k])[k]
+        said = json.loads(row.state)
+        state = SourceState.from_json(said["state"])
+        for later in (0.0, 1.25, 86400.0, 86400.000001, 8 * 86400.0, 40 * 86400.0, 500 * 86400.0):
+            when = state.at + timedelta(seconds=later)
+            text = Rendered(row, state, 1, 1).at(when, zulu(when))
+            entry = Entry("1", "t", state.at, Characterization.model_construct(clock=None))
+            expected = {"id": str(k), "kind": "cdma", "name": name, "carrier_hz": row.carrier_hz}
+            expected |= state.moved(when).answer() | {"quality": answer_quality([entry], when)}
+            assert _rounded(json.loads(text)) == _rounded(expected)
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers to twelve digits: sums in another order differ in the last."""
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return float(f"{value:.12g}") if isinstance(value, float) else value
 
 
 def test_headers_for_browsers_and_caches(api: Api) -> None:

@@ -1,7 +1,8 @@
 """Answers about sources as the bytes that are sent, kept until something changes.
 
-Everything kept belongs to one version of the database and is dropped with it, so an answer is never older than the
-last acknowledged write. Without an asked time the answer is that of the running second.
+Every answer kept belongs to one version of the database and is dropped with it, so an answer is never older than the
+last acknowledged write; sources are kept until they change. Without an asked time the answer is that of the running
+second.
 """
 
 from __future__ import annotations
@@ -16,21 +17,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from soopnav_cpp.sopdb.auth import Grant
-from soopnav_cpp.sopdb.fusion import Entry, SourceState, answer_quality, fuse, stability
-from soopnav_cpp.sopdb.records import Characterization
+from soopnav_cpp.sopdb.fusion import SourceState, fuse, stability
+from soopnav_cpp.sopdb.rendering import Rendered, zulu
 from soopnav_cpp.sopdb.schema import from_us
 from soopnav_cpp.sopdb.snapshot import encode
-from soopnav_cpp.sopdb.store import FusedRow, Search, Store
+from soopnav_cpp.sopdb.store import Search, Store
 
-__all__ = ["Answer", "Answers", "zulu"]
+__all__ = ["Answer", "Answers"]
 
 _SECOND_US = 1_000_000
 _MINUTE_US = 60 * _SECOND_US
 _MOST_SOURCES = 20_000
 _MOST_BODIES = 2_000
 _TAU_S = np.logspace(-1.0, 4.0, 51)
-#: A contribution that holds when it came: a voice of `answer_quality`, of which only the time matters.
-_SILENT = Characterization.model_construct(clock=None)
 
 
 class Answer(NamedTuple):
@@ -40,20 +39,12 @@ class Answer(NamedTuple):
     etag: str
 
 
-class _Prepared(NamedTuple):
-    row: FusedRow
-    state: SourceState
-    contributions: int
-    voices: int
-
-
 class _Kept:
     """What belongs to one version of the database. Written by several threads at once, each item in one step."""
 
     def __init__(self, changed: int, version: int) -> None:
         self.changed = changed
         self.version = version
-        self.sources: dict[int, _Prepared] = {}
         self.bodies: dict[Any, Answer | None] = {}
         self.grants: dict[str, Grant | None] = {}
 
@@ -72,15 +63,6 @@ def _digest(*parts: bytes) -> str:
     return digest.hexdigest()
 
 
-def _json(value: Any) -> bytes:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
-
-
-def zulu(at: datetime) -> str:
-    """A time of UTC in ISO 8601."""
-    return at.isoformat().replace("+00:00", "Z")
-
-
 class Answers:
     """Answers from a store.
 
@@ -97,6 +79,9 @@ class Answers:
         self._looked_s = -1.0
         self._commits = -1
         self._kept = _Kept(-1, -1)
+        # With each source the version it was looked up at, which counts as long as the source has not changed since.
+        self._sources_kept: dict[int, tuple[int, Rendered]] = {}
+        self._changed_at: dict[int, int] = {}
 
     def refresh(self) -> int:
         """Drop what another version of the database said; the version now."""
@@ -110,6 +95,11 @@ class Answers:
             if version == kept.version:
                 kept.changed = changed
             else:
+                if kept.version >= 0:
+                    changes, removed = self._store.changes(kept.version)
+                    self._changed_at.update(dict.fromkeys(changes, version))
+                    if removed:
+                        self._sources_kept = {}
                 self._kept = _Kept(changed, version)
         self._looked_s, self._commits = now_s, commits
         return self._kept.version
@@ -124,35 +114,25 @@ class Answers:
             _keep(grants, token_id, found, _MOST_SOURCES)
         return found
 
-    def _sources(self, ids: Sequence[int]) -> list[_Prepared]:
-        known = self._kept.sources
-        found = {one: known[one] for one in ids if one in known}
+    def _sources(self, ids: Sequence[int]) -> list[Rendered]:
+        version, kept, changed_at = self._kept.version, self._sources_kept, self._changed_at
+        found: dict[int, Rendered] = {}
+        for one in ids:
+            entry = kept.get(one)
+            if entry is not None and entry[0] >= changed_at.get(one, 0):
+                found[one] = entry[1]
         rows = self._store.source_rows([one for one in ids if one not in found]) if len(found) < len(ids) else {}
         for one, row in rows.items():
-            text = json.loads(row.state)
-            found[one] = _Prepared(
-                row, SourceState.from_json(text["state"]), int(text["contributions"]), int(text["voices"])
-            )
-            _keep(known, one, found[one], _MOST_SOURCES)
+            said = json.loads(row.state)
+            state = SourceState.from_json(said["state"])
+            found[one] = Rendered(row, state, int(said["contributions"]), int(said["voices"]))
+            _keep(kept, one, (version, found[one]), _MOST_SOURCES)
         return [found[one] for one in ids if one in found]
 
-    def _state(self, source: _Prepared, at: datetime) -> SourceState:
+    def _source(self, source: Rendered, at: datetime, text: str) -> str:
         if at >= source.state.at:
-            return source.state.moved(at)
-        return fuse(self._store.accepted(source.row.id), at)
-
-    def _source(self, source: _Prepared, at: datetime) -> dict[str, Any]:
-        row = source.row
-        voices = [Entry("", str(voice), source.state.at, _SILENT) for voice in range(min(source.voices, 3))]
-        quality = answer_quality(voices, at) | {"contributions": source.contributions}
-        return {
-            "id": str(row.id),
-            "kind": row.kind,
-            "name": row.name,
-            "carrier_hz": row.carrier_hz,
-            **self._state(source, at).answer(),
-            "quality": quality,
-        }
+            return source.at(at, text)
+        return source.of(fuse(self._store.accepted(source.row.id), at))
 
     def _times(self, at: datetime | None) -> tuple[datetime, bytes]:
         """The time of an answer, and what of the time its weak ETag depends on."""
@@ -161,8 +141,8 @@ class Answers:
         now_us = time.time_ns() // 1000
         return from_us(now_us // _SECOND_US * _SECOND_US), str(now_us // _MINUTE_US).encode()
 
-    def _answer(self, value: Any, sources: Sequence[_Prepared], asked: datetime | None, more: bytes) -> Answer:
-        body = _json(value)
+    def _answer(self, text: str, sources: Sequence[Rendered], asked: datetime | None, more: bytes) -> Answer:
+        body = text.encode()
         if asked is not None:
             return Answer(body, f'"{_digest(body)}"')
         said = b",".join(b"%d:%d" % (one.row.id, one.row.version) for one in sources)
@@ -174,7 +154,7 @@ class Answers:
         bodies, key = self._kept.bodies, (source_id, when, at is None)
         if key not in bodies:
             found = self._sources([source_id])
-            answer = self._answer(self._source(found[0], when), found, at, minute) if found else None
+            answer = self._answer(self._source(found[0], when, zulu(when)), found, at, minute) if found else None
             _keep(bodies, key, answer, _MOST_BODIES)
             return answer
         return bodies[key]
@@ -190,8 +170,10 @@ class Answers:
             ids, beyond = self._store.find(search, after, limit)
             sources = self._sources(ids)
             more = None if beyond is None else cursor(beyond)
-            value = {"at": zulu(when), "sources": [self._source(one, when) for one in sources], "next_cursor": more}
-            answer = self._answer(value, sources, at, minute + b"|" + (more or "").encode())
+            text = zulu(when)
+            listed = ",".join([self._source(one, when, text) for one in sources])
+            said = f'{{"at":"{text}","sources":[{listed}],"next_cursor":{json.dumps(more)}}}'
+            answer = self._answer(said, sources, at, minute + b"|" + (more or "").encode())
             _keep(bodies, key, answer, _MOST_BODIES)
         return answer
 
@@ -199,12 +181,16 @@ class Answers:
         """The Allan deviation of a source's clock with its band; None when nothing is known about its noise."""
         when, minute = self._times(at)
         found = self._sources([source_id])
-        noise = self._state(found[0], when).noise if found else None
+        if not found:
+            return None
+        state = found[0].state
+        state = state.moved(when) if when >= state.at else fuse(self._store.accepted(source_id), when)
+        noise = state.noise
         if noise is None:
             return None
         curve = stability(noise, _TAU_S)
         value = {"id": str(source_id), "at": zulu(when), "confidence": 0.95, **curve}
-        return self._answer(value, found, at, minute + b"|stability")
+        return self._answer(json.dumps(value), found, at, minute + b"|stability")
 
     def snapshot(self) -> Answer:
         """Every source in the form of `snapshot`, each at the time of its newest contribution."""
@@ -215,7 +201,8 @@ class Answers:
             after: tuple[float, int] | None = None
             while True:
                 ids, after = self._store.find(Search(), after, 500)
-                sources.extend(self._source(one, one.state.at) for one in self._sources(ids))
+                texts = [self._source(one, one.state.at, zulu(one.state.at)) for one in self._sources(ids)]
+                sources.extend(map(json.loads, texts))
                 if after is None:
                     break
             body = encode(sources, datetime.now(timezone.utc))

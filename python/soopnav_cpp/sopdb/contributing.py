@@ -26,6 +26,7 @@ from soopnav_cpp.sopdb.schema import (
     Contribution,
     Fused,
     Idempotency,
+    Meta,
     Source,
     Verdict,
     from_us,
@@ -205,6 +206,7 @@ def fuse_again(session: Session, source_id: int, known: Entries) -> None:
     if not accepted:
         if row is not None:
             session.delete(row)
+            session.merge(Meta(name="removed", value=version))
             session.flush()
         return
     state = fuse(accepted, max(entry.time for entry in accepted))

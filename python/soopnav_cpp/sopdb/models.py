@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 import pydantic
 from fastapi.responses import JSONResponse, Response
 
-from soopnav_cpp.sopdb.answers import zulu
 from soopnav_cpp.sopdb.questions import before_cursor
 from soopnav_cpp.sopdb.records import AnsweredSource, Characterization, Text, Time
+from soopnav_cpp.sopdb.rendering import zulu
 from soopnav_cpp.sopdb.schema import from_us
 
 __all__ = [

@@ -54,7 +54,8 @@ class Base(DeclarativeBase):
 
 
 class Meta(Base):
-    """Numbers of the whole database: ``version`` counts the transactions that changed what is answered."""
+    """Numbers of the whole database: ``version`` counts the transactions that changed what is answered, ``removed`` is
+    the version at which a source went for the last time."""
 
     __tablename__ = "meta"
     name: Mapped[str] = mapped_column(String(40), primary_key=True)

@@ -271,9 +271,11 @@ class Store:
         """How many transactions have changed what is answered."""
         return int(self._read(select(Meta.value).where(Meta.name == "version"))[0][0])
 
-    def changes(self, after: int) -> list[int]:
-        """Sources fused after a version."""
-        return [row[0] for row in self._read(select(Fused.source_id).where(Fused.version > after))]
+    def changes(self, after: int) -> tuple[list[int], bool]:
+        """Sources fused after a version, and whether one has gone since."""
+        changed = [row[0] for row in self._read(select(Fused.source_id).where(Fused.version > after))]
+        removed = self._read(select(Meta.value).where(Meta.name == "removed", Meta.value > after))
+        return changed, bool(removed)
 
     def source_rows(self, ids: Sequence[int]) -> dict[int, FusedRow]:
         """What is answered about sources, by id; those without an accepted contribution are left out."""
