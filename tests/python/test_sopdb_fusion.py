@@ -216,10 +216,10 @@ def honest(rng: np.random.Generator, name: str, *, at: datetime = NOON) -> Entry
 def test_the_honest_are_quarantined_as_rarely_as_the_gate_says() -> None:
     rng = np.random.default_rng(7)
     refused = 0
-    for trial in range(1500):
+    for trial in range(600):
         others = [honest(rng, str(i)) for i in range(trial % 3 + 1)]
         refused += judge(honest(rng, "new"), others).status == "quarantined"
-    assert refused <= stats.binom.ppf(1 - 1e-4, 1500, 1e-4)  # GATE: 1e-4 each
+    assert refused <= stats.binom.ppf(1 - 1e-4, 600, 1e-4)  # GATE: 1e-4 each
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from soopnav_cpp import navigation
 from soopnav_cpp.clock import TwoState
 from soopnav_cpp.sopdb import records, snapshot
 from soopnav_cpp.sopdb.fusion import Entry, answer_quality, fuse
@@ -196,14 +197,9 @@ def test_python_and_cpp_bring_a_clock_to_the_same_time() -> None:
 
 
 def test_a_navigator_starts_a_source_from_the_catalogue() -> None:
-    pytest.importorskip("soopnav_cpp._opportunistic")
-    from soopnav_cpp import navigation
-
     later = NOON + timedelta(hours=1)
     catalog = snapshot.Catalog(snapshot.encode([answered("a"), answered("b", part="clock")], NOON))
-    navigator = navigation.OpportunisticNavigator(
-        [6378137.0, 0.0, 0.0], 100.0, clock=TwoState.tcxo().noise, motion="static"
-    )
+    navigator = navigation.OpportunisticNavigator([6378137.0, 0.0, 0.0], position_sigma_m=100.0, clock=TwoState.tcxo())
     for name in catalog:
         navigator.add_source(name, "cdma", **catalog.prior(name, later).as_source())
     start = catalog.prior("a", later).as_source()

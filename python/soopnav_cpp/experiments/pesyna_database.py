@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._extras import require
-from soopnav_cpp.clock import TwoState
+from soopnav_cpp.clock import TwoState, mean_squared_coherence
 from soopnav_cpp.estimation import linear_filter
 from soopnav_cpp.experiments import pesyna_setup as setup
 from soopnav_cpp.experiments.registry import Claim, Lab, at_least, band, below, experiment, style
@@ -37,11 +37,9 @@ LIGHT_MPS = 299_792_458.0
 BLUE, RED, GREEN, AMBER = "#1b6ca8", "#d1495b", "#2e933c", "#e08e1b"
 
 
-def coherence(phase_cycles: Array, dt_s: float = setup.DT_S) -> float:
-    """Mean squared coherence over windows of `WINDOW_S`, overlapping (pesyna (15), squared)."""
-    width = round(WINDOW_S / dt_s)
-    sums = np.cumsum(np.concatenate([[0.0], np.exp(2j * np.pi * phase_cycles)]))
-    return float(np.mean(np.abs((sums[width:] - sums[:-width]) / width) ** 2))
+def coherence(phase_cycles: Array) -> float:
+    """Mean-squared coherence over windows of `WINDOW_S`, overlapping (pesyna (15))."""
+    return float(mean_squared_coherence(phase_cycles, setup.DT_S, WINDOW_S).mean_squared[0])
 
 
 class First(NamedTuple):
