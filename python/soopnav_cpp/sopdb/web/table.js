@@ -28,7 +28,7 @@ function clockSigma(source) {
 const COLUMNS = [
   { name: "Name", key: (x) => x.name.toLocaleLowerCase(), cell: null },
   { name: "Kind", key: (x) => x.kind, cell: (x) => h("span", { class: "kind" }, kindMark(x.kind), x.kind), from: 330 },
-  { name: "Carrier", key: (x) => x.carrier_hz, cell: (x) => carrier(x.carrier_hz), right: true, from: 520 },
+  { name: "Carrier", key: (x) => x.carrier_hz, cell: (x) => carrier(x.carrier_hz), right: true, from: 580 },
   {
     name: "Position",
     key: (x) => x.position?.sigma_m ?? Infinity,
