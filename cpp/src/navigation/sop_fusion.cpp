@@ -1,6 +1,6 @@
 #include "soopnav/navigation/sop_fusion.hpp"
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -21,31 +21,46 @@ bool is_finite(const SopEstimate<N>& e) noexcept {
   return std::isfinite(e.t_s) && e.value.allFinite() && e.covariance.allFinite();
 }
 
-/// Cholesky of a covariance brought to unit diagonal: seconds squared and drifts differ by ten orders of magnitude.
+/// Cholesky of a covariance brought to unit diagonal: seconds squared and drifts squared differ by ten orders of
+/// magnitude. By plain loops: for two and three numbers Eigen's take longer to compile than all the rest.
 template <int N>
 struct ScaledCholesky {
   Eigen::Matrix<double, N, 1> scale;
-  Eigen::LLT<SopMatrix<N>> llt;
+  SopMatrix<N> L;  ///< lower triangle
   bool ok = false;
 
   explicit ScaledCholesky(const SopMatrix<N>& P) noexcept {
-    if (!P.allFinite() || !(P.diagonal().minCoeff() > 0.0)) return;
-    scale = P.diagonal().cwiseSqrt();
-    const Eigen::Matrix<double, N, 1> down = scale.cwiseInverse();
-    llt.compute(down.asDiagonal() * P * down.asDiagonal());
-    ok = llt.info() == Eigen::Success;
+    for (int i = 0; i < N; ++i) {
+      scale[i] = std::sqrt(P(i, i));
+      if (!(scale[i] > 0.0) || std::isinf(scale[i])) return;
+    }
+    for (int i = 0; i < N; ++i) {
+      for (int j = 0; j <= i; ++j) {
+        double rest = P(i, j) / scale[i] / scale[j];
+        for (int k = 0; k < j; ++k) rest -= L(i, k) * L(j, k);
+        if (i == j && !(rest > 0.0)) return;
+        L(i, j) = i == j ? std::sqrt(rest) : rest / L(j, j);
+        if (!std::isfinite(L(i, j))) return;
+      }
+    }
+    ok = true;
   }
-  /// P^-1 m
-  template <class M>
-  auto solve(const M& m) const noexcept {
-    const Eigen::Matrix<double, N, 1> down = scale.cwiseInverse();
-    const Eigen::Matrix<double, N, M::ColsAtCompileTime> scaled = down.asDiagonal() * m;
-    const Eigen::Matrix<double, N, M::ColsAtCompileTime> solved = llt.solve(scaled);
-    return Eigen::Matrix<double, N, M::ColsAtCompileTime>(down.asDiagonal() * solved);
+  /// x <- P^-1 x
+  void solve(double* x) const noexcept {
+    for (int i = 0; i < N; ++i) {
+      x[i] /= scale[i];
+      for (int k = 0; k < i; ++k) x[i] -= L(i, k) * x[k];
+      x[i] /= L(i, i);
+    }
+    for (int i = N - 1; i >= 0; --i) {
+      for (int k = i + 1; k < N; ++k) x[i] -= L(k, i) * x[k];
+      x[i] /= L(i, i);
+    }
+    for (int i = 0; i < N; ++i) x[i] /= scale[i];
   }
   double log_det() const noexcept {
     double sum = 0.0;
-    for (int i = 0; i < N; ++i) sum += std::log(scale[i] * llt.matrixLLT()(i, i));
+    for (int i = 0; i < N; ++i) sum += std::log(scale[i]) + std::log(L(i, i));
     return 2.0 * sum;
   }
 };
@@ -55,7 +70,9 @@ bool combine(const Eigen::Matrix<double, N, 1>& a, const SopMatrix<N>& A, const 
              const SopMatrix<N>& B, SopEstimate<N>& out) noexcept {
   const ScaledCholesky<N> sum(A + B);
   if (!sum.ok || !a.allFinite() || !b.allFinite()) return false;
-  const SopMatrix<N> K = sum.solve(A).transpose();
+  SopMatrix<N> solved = A;
+  for (int j = 0; j < N; ++j) sum.solve(solved.data() + j * N);
+  const SopMatrix<N> K = solved.transpose();
   const SopMatrix<N> rest = SopMatrix<N>::Identity() - K;
   const SopMatrix<N> P = rest * A * rest.transpose() + K * B * K.transpose();
   const Eigen::Matrix<double, N, 1> x = a + K * (b - a);
@@ -108,8 +125,22 @@ SopEstimate<N> lifted(const SopEstimate<N>& e) noexcept {
   return out;
 }
 
+/// How estimates go from one time to another.
+struct Move {
+  const clock::Oscillator* noise = nullptr;  ///< a clock's; otherwise a random walk
+  double variance_per_s = 0.0;
+
+  template <int N>
+  bool operator()(SopEstimate<N>& e, double t_s) const noexcept {
+    if constexpr (N == 2) {
+      if (noise != nullptr) return move_clock(e, *noise, t_s);
+    }
+    return age(e, variance_per_s, t_s);
+  }
+};
+
 /// Takes `next` into the filter `so_far`, which is empty at first.
-template <int N, class Move>
+template <int N>
 bool take(bool& any, SopEstimate<N>& so_far, const SopEstimate<N>& next, const Move& move) noexcept {
   const SopEstimate<N> contribution = lifted(next);
   if (!any) {
@@ -119,7 +150,7 @@ bool take(bool& any, SopEstimate<N>& so_far, const SopEstimate<N>& next, const M
   return move(so_far, contribution.t_s) && fuse_independent(so_far, contribution);
 }
 
-template <int N, class Move>
+template <int N>
 SopFusionStatus fuse_all(std::span<const SopEstimate<N>> all, double t_s, const Move& move,
                          SopEstimate<N>& out) noexcept {
   if (all.empty()) return SopFusionStatus::kEmpty;
@@ -210,7 +241,9 @@ double disagreement(const SopEstimate<N>& a, const SopEstimate<N>& b) noexcept {
   const ScaledCholesky<N> llt(P);
   const Eigen::Matrix<double, N, 1> d = a.value - b.value;
   if (!llt.ok || !d.allFinite()) return std::numeric_limits<double>::infinity();
-  return d.dot(llt.solve(d));
+  Eigen::Matrix<double, N, 1> solved = d;
+  llt.solve(solved.data());
+  return d.dot(solved);
 }
 
 template <int N>
@@ -236,15 +269,13 @@ double intersect(SopEstimate<N>& a, const SopEstimate<N>& b) noexcept {
 
 SopFusionStatus fuse_clocks(std::span<const SopClock> clocks, const clock::Oscillator& noise, double t_s,
                             SopClock& out) noexcept {
-  return fuse_all<2>(
-      clocks, t_s, [&](SopClock& c, double to) noexcept { return move_clock(c, noise, to); }, out);
+  return fuse_all<2>(clocks, t_s, {&noise, 0.0}, out);
 }
 
 template <int N>
 SopFusionStatus fuse_constants(std::span<const SopEstimate<N>> estimates, double variance_per_s, double t_s,
                                SopEstimate<N>& out) noexcept {
-  return fuse_all<N>(
-      estimates, t_s, [&](SopEstimate<N>& e, double to) noexcept { return age(e, variance_per_s, to); }, out);
+  return fuse_all<N>(estimates, t_s, {nullptr, variance_per_s}, out);
 }
 
 double least_drift_variance(const clock::Oscillator& noise, double duration_s) noexcept {
