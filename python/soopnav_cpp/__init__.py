@@ -15,6 +15,8 @@ The compiled engine does the work; these modules are its face:
 `soopnav_cpp.geometry`  Earth, local frames, directions
 `soopnav_cpp.gnss`      satellite navigation: orbits, RINEX, positions
 `soopnav_cpp.gps`       GPS L1 C/A: codes, signals, tracking noise
+`soopnav_cpp.cdma`      cdma2000 and IS-95: pilots, signals, acquisition
+`soopnav_cpp.tracking`  code and carrier tracking of spread signals
 `soopnav_cpp.hf`        narrow-band receivers with GNSS time tags
 `soopnav_cpp.iridium`   Iridium: channels, bursts, their detection
 `soopnav_cpp.inertial`  inertial navigation: mechanisation, alignment, rest
@@ -34,6 +36,7 @@ from importlib.metadata import version as _version
 
 from soopnav_cpp import (
     array,
+    cdma,
     clock,
     dsp,
     estimation,
@@ -52,11 +55,13 @@ from soopnav_cpp import (
     plotting,
     process,
     simulation,
+    tracking,
     vision,
 )
 
 __all__ = [
     "array",
+    "cdma",
     "clock",
     "dsp",
     "estimation",
@@ -75,6 +80,7 @@ __all__ = [
     "plotting",
     "process",
     "simulation",
+    "tracking",
     "vision",
 ]
 

@@ -409,7 +409,7 @@ struct Tracker::Impl {
     window.size += data ? std::norm(q) - 1.0 : std::sqrt(strength);
     block += data ? Complex(cosine, 2.0 * q.real() * q.imag()) : q;
     block_size += 1.0;
-    const double needed = std::clamp(std::ceil(kBlockEnergy / strength), 1.0, 100.0);
+    const double needed = std::clamp(std::ceil((data ? 4.0 : 1.0) * kBlockEnergy / strength), 1.0, 100.0);
     if (block_size >= needed) {
       const bool good = code_locked && block.real() > 0.5 * std::abs(block);
       good_blocks = good ? std::min(good_blocks + 1, 1000) : 0;
