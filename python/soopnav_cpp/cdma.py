@@ -190,9 +190,7 @@ def offset_candidates(
 ) -> list[int]:
     """Offsets that explain a delay when the first sample lies `start_s` ± `start_error_s` after a multiple of the code
     period of system time and the signal travelled at most `max_travel_s`; ascending."""
-    return _cdma.offset_candidates(
-        delay_s, start_s=start_s, start_error_s=start_error_s, max_travel_s=max_travel_s
-    )
+    return _cdma.offset_candidates(delay_s, start_s=start_s, start_error_s=start_error_s, max_travel_s=max_travel_s)
 
 
 @dataclass(frozen=True)

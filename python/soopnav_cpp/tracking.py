@@ -334,9 +334,7 @@ def phase_sigma_cycles(cn0_dbhz: float, interval_s: float, *, costas_integration
 def window_sigma_cycles(oscillator: PhaseNoise, window_s: float) -> float:
     """σ of the mean of an oscillator's phase over a window against its phase amid the window."""
     return math.sqrt(
-        _tracking.window_variance(
-            oscillator.white_frequency_cycles2ps, oscillator.frequency_walk_cycles2ps3, window_s
-        )
+        _tracking.window_variance(oscillator.white_frequency_cycles2ps, oscillator.frequency_walk_cycles2ps3, window_s)
     )
 
 

@@ -37,7 +37,9 @@ def bandwidth_hz(cn0_dbhz: float) -> float:
 
 def cases(kind: str) -> list[tuple[str, float]]:
     """Oscillator and C/N0 of every point of a signal."""
-    return [(name, level) for name in OSCILLATORS for level in LEVELS_DBHZ if level >= WEAKEST_DBHZ.get((kind, name), 0.0)]
+    return [
+        (name, level) for name in OSCILLATORS for level in LEVELS_DBHZ if level >= WEAKEST_DBHZ.get((kind, name), 0.0)
+    ]
 
 
 def oscillator_phase(seed: int, carrier_hz: float, h0: float, h_minus_2: float, count: int) -> _Array:
@@ -94,6 +96,7 @@ def run(seed: int, kind: str, cn0_dbhz: float) -> dict[str, _Array]:
             parts[name].append(trackers[name].push((iq * phasor[:, None]).ravel()))
     out = {}
     for name in names:
+
         def joined(field: str, parts: list[tracking.Epochs] = parts[name]) -> _Array:
             return np.concatenate([np.asarray(getattr(part, field), dtype=np.float64) for part in parts])
 
@@ -115,14 +118,10 @@ def theory(kind: str, oscillator: str, cn0_dbhz: float) -> tuple[float, float]:
     """σ of the observable and of the loop's phase [cycles]."""
     cn0 = 10.0 ** (cn0_dbhz / 10.0)
     noise = tracking.PhaseNoise.from_allan(*OSCILLATORS[oscillator], CARRIERS_HZ[kind])
-    window = math.hypot(
-        tracking.phase_sigma_cycles(cn0_dbhz, EPOCH_S), tracking.window_sigma_cycles(noise, EPOCH_S)
-    )
+    window = math.hypot(tracking.phase_sigma_cycles(cn0_dbhz, EPOCH_S), tracking.window_sigma_cycles(noise, EPOCH_S))
     costas = INTEGRATION_S if kind == "gps" else None
     mean = tracking.phase_sigma_cycles(10.0 * math.log10(cn0), INTEGRATION_S, costas_integration_s=costas)
-    variance = tracking.loop_variance(
-        2, bandwidth_hz(cn0_dbhz), INTEGRATION_S, mean_variance=mean**2, oscillator=noise
-    )
+    variance = tracking.loop_variance(2, bandwidth_hz(cn0_dbhz), INTEGRATION_S, mean_variance=mean**2, oscillator=noise)
     return window, math.sqrt(variance.thermal_phase + variance.oscillator_phase)
 
 

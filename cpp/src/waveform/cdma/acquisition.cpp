@@ -190,8 +190,8 @@ struct PilotSearcher::Impl {
     a.cn0_dbhz = 10.0 * std::log10(cn0);
     a.sigma_cn0_db = 10.0 / std::log(10.0) * std::sqrt((1.0 + 2.0 * snr) / blocks) / snr;
     a.sigma_doppler_hz = std::sqrt(2.0 / (snr * blocks) * (1.0 + 1.0 / snr)) / (kPi * interval);
-    // Chips' edges are seen on the samples' grid: what many edges leave of it is a sample over their number's root.
-    const double grid = 1.0 / o.sample_rate_hz / std::sqrt(0.5 * kChipRateHz * interval * blocks);
+    // Rectangular edges are seen on the grid of samples; at a whole number of them a chip nothing averages that.
+    const double grid = 0.3 / o.sample_rate_hz;
     a.sigma_delay_s =
         std::sqrt(tracking::code_variance(cn0, interval * blocks, interval, 2.0 * half_chip)) / kChipRateHz + grid;
     a.pn_offset = static_cast<int>(std::floor(a.delay_s / kOffsetS)) % kOffsets;

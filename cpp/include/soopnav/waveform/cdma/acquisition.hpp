@@ -23,7 +23,7 @@ struct AcquisitionOptions {
 /// A pilot that was found.
 struct Acquisition {
   double delay_s = 0.0;        ///< of chip 0 of offset 0 after the first sample, in [0, 26.67 ms)
-  double sigma_delay_s = 0.0;  ///< 1 σ, Cramér-Rao bound of a rectangular chip sampled so, at least
+  double sigma_delay_s = 0.0;  ///< 1 σ, thermal and 0.3 samples: edges are seen on the grid of samples
   double doppler_hz = 0.0;     ///< positive when approaching
   double sigma_doppler_hz = 0.0;
   double cn0_dbhz = 0.0;  ///< of the pilot against all else in the band
