@@ -52,8 +52,8 @@ def pilot_code(pn_offset: int = 0) -> _Iq:
     Returns
     -------
     ndarray of complex64, shape (32768,)
-        (i - j q) / √2, +1 for a logical 0: the baseband of the standard's I cos ωt + Q sin ωt. Chip 0 of offset 0 is the
-        one after the fifteen zeros; it leaves on every even second of system time.
+        (i - j q) / √2, +1 for a logical 0: the baseband of the standard's I cos ωt + Q sin ωt. Chip 0 of offset 0 is
+        the one after the fifteen zeros; it leaves on every even second of system time.
 
     Raises
     ------
@@ -283,8 +283,8 @@ class PilotSearcher:
     def search(self, iq: _Iq) -> list[Acquisition]:
         """Pilots in the first `samples` samples, strongest first; none where samples are too few or not finite."""
         return [
-            Acquisition(*(float(v) for v in row[:7]), pn_offset=int(row[7]), excess_s=float(row[8]))
-            for row in self._searcher.search(iq)
+            Acquisition(a, b, c, d, e, f, g, int(offset), excess)
+            for a, b, c, d, e, f, g, offset, excess in self._searcher.search(iq).tolist()
         ]
 
 

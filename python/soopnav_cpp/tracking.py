@@ -7,7 +7,8 @@ receiver clock lengthens delays and lowers carriers.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -130,8 +131,10 @@ class Epochs:
 def _epochs(rows: _Array) -> Epochs:
     columns = [np.ascontiguousarray(column) for column in rows.T]
     flags = columns[18].astype(np.int64)
+    names = [field.name for field in fields(Epochs)][:13]
+    numbers: dict[str, Any] = dict(zip(names, columns[:13], strict=True))
     return Epochs(
-        *columns[:13],
+        **numbers,
         prompt=columns[13] + 1j * columns[14],
         arc=columns[15].astype(np.int64),
         bad_samples=columns[16].astype(np.int64),

@@ -4,6 +4,7 @@ The compiled engine of soopnav. Use it through the modules of soopnav_cpp, which
 
 from __future__ import annotations
 from . import array
+from . import cdma
 from . import clock
 from . import dsp
 from . import estimation
@@ -17,11 +18,13 @@ from . import measurement
 from . import ofdm
 from . import process
 from . import simulation
+from . import tracking
 from . import vision
 from . import navigation
 
 __all__: list[str] = [
     "array",
+    "cdma",
     "clock",
     "dsp",
     "estimation",
@@ -36,5 +39,6 @@ __all__: list[str] = [
     "ofdm",
     "process",
     "simulation",
+    "tracking",
     "vision",
 ]

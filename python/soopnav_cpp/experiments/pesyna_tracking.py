@@ -1,9 +1,10 @@
-"""Carrier phase of a CDMA pilot and of GPS from samples: its noise against theory, thermal and oscillator, 25-50 dB-Hz."""
+"""Carrier phase of a CDMA pilot and of GPS from samples: its noise against theory, thermal and oscillator."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +50,7 @@ def oscillator_phase(seed: int, carrier_hz: float, h0: float, h_minus_2: float, 
     rng = np.random.default_rng(seed)
     rate = np.cumsum(rng.normal(0.0, math.sqrt(noise.frequency_walk_cycles2ps3 * dt), count))
     steps = rate * dt + rng.normal(0.0, math.sqrt(noise.white_frequency_cycles2ps * dt), count)
-    return -np.cumsum(steps)
+    return np.asarray(-np.cumsum(steps), dtype=np.float64)
 
 
 def samples_of(kind: str, cn0_dbhz: float, seed: int, second: int) -> npt.NDArray[np.complex64]:
@@ -102,7 +103,7 @@ def run(seed: int, kind: str, cn0_dbhz: float) -> dict[str, _Array]:
 
         def truth(t: _Array, phase: _Array = phases[name]) -> _Array:
             step = np.minimum((t * RATE_HZ / STEP).astype(int), len(phase) - 1)
-            return -(DOPPLER_HZ * t + phase[step])
+            return np.asarray(-(DOPPLER_HZ * t + phase[step]), dtype=np.float64)
 
         observable = joined("carrier_phase_cycles") - truth(joined("t_s"))
         loop = joined("loop_phase_cycles") - truth(joined("loop_t_s") - 0.5 / RATE_HZ)
@@ -171,7 +172,8 @@ def pesyna_tracking(lab: Lab) -> Iterator[Claim]:
                 measured[f"{kind}_{name}"] = [*points.ravel()]
             style(axis, title, "C/N0 [dB-Hz]", "σ of the carrier phase [cycles]" if kind == "cdma" else "")
         axes[1].legend(fontsize=8)
-    lab.save(levels_dbhz=np.array(LEVELS_DBHZ), **{key: np.array(value) for key, value in measured.items()})
+    saved: dict[str, Any] = {key: np.array(value) for key, value in measured.items()}
+    lab.save(levels_dbhz=np.array(LEVELS_DBHZ), **saved)
     yield Claim(
         "observable of 0.1 s: σ over theory, thermal and oscillator, CDMA then GPS, OCXO then TCXO [dB]",
         ratios["observable"],
