@@ -1,4 +1,4 @@
-"""GPS L1 C/A: codes, signals, and what tracking loops make of them.
+"""GPS L1 C/A: codes, signals, acquisition, and what tracking loops make of them.
 
 Samples are ``complex64``; random parts are named by a seed.
 """
@@ -13,16 +13,32 @@ import numpy as np
 import numpy.typing as npt
 
 from soopnav_cpp._core import gps as _gps
+from soopnav_cpp._gps_acquisition import (
+    Acquirer,
+    Acquisition,
+    AcquisitionStatus,
+    AidedCorrelator,
+    acquire,
+    cell_loss,
+    search_frequencies,
+)
 
 __all__ = [
     "CARRIER_HZ",
     "CHIP_RATE_HZ",
     "CODE_LENGTH",
+    "Acquirer",
+    "Acquisition",
+    "AcquisitionStatus",
+    "AidedCorrelator",
     "SatelliteSignal",
+    "acquire",
     "ca_code",
+    "cell_loss",
     "code_sigma_m",
     "phase_sigma_m",
     "phase_sigma_rad",
+    "search_frequencies",
     "synthesize",
 ]
 

@@ -22,6 +22,7 @@ from soopnav_cpp._gnss_simulation import GnssObservables, simulate_gnss
 from soopnav_cpp._ground_scene import GroundObject, GroundScene, foot_tracks
 from soopnav_cpp._handset_world import HandsetWorld, NlosSchedule
 from soopnav_cpp._indoor import IndoorLinks, IndoorRoom, LinkStatus, Material, RoomWall, excess_delays, slab_response
+from soopnav_cpp._opportunity_link import LinkBand, LinkSource, OpportunityLink
 from soopnav_cpp._pair_link import ClockTrack, PairArrivals, PairLink, PairReceiver, PairSnippets, PairTruth
 from soopnav_cpp._sounding import ChannelSounder, EmulatedChannels, SoundingRecord, ToneSweep, subcarrier_hz, turntable
 from soopnav_cpp._spatial_trajectory import Oscillation, SpatialMotion, SpatialTrajectory
@@ -42,10 +43,13 @@ __all__ = [
     "ImuErrorModel",
     "IndoorLinks",
     "IndoorRoom",
+    "LinkBand",
+    "LinkSource",
     "LinkStatus",
     "Material",
     "NlosSchedule",
     "OfdmLink",
+    "OpportunityLink",
     "Oscillation",
     "PairArrivals",
     "PairLink",
