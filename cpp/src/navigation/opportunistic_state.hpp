@@ -130,6 +130,7 @@ struct OpportunisticNavigator::Impl {
 
   OpportunisticOptions options;
   Eigen::Vector3d known_position;
+  Eigen::Matrix3d position_P = Eigen::Matrix3d::Zero();  // the receiver's at the prediction
   detail::OpportunisticFilter filter;
   StateLayout layout;
   std::vector<detail::Member> members;  // of each component present
@@ -181,6 +182,8 @@ struct OpportunisticNavigator::Impl {
   // Finds and remedies faults; returns what was done in `report`.
   void judge(double dt_s, OpportunisticReport& report) noexcept;
   bool test(OpportunisticReport& report, bool final_pass) noexcept;
+  double bend(const detail::Slot& slot, const detail::TouchedRow& row) const noexcept;
+  void loosen() noexcept;
   void remember(double at_s) noexcept;
   OpportunisticReport step(double at_s, std::span<const OpportunisticObservation> observed) noexcept;
 };

@@ -177,6 +177,38 @@ bool OpportunisticNavigator::Impl::model(const OpportunisticObservation& o, cons
   return std::isfinite(predicted);
 }
 
+// Mean square of what the model bends within the prediction's uncertainty, (2 tr((D P)²) + tr(D P)²) / 4 with the
+// second derivative D = (I - u u') / range by the relative position (the second-order filter of Bar-Shalom, Li and
+// Kirubarajan 2001, section 10.3.2, its mean left in the noise): metres beside a phase's millimetre as long as a mast or the receiver is known to metres.
+double OpportunisticNavigator::Impl::bend(const Slot& slot, const TouchedRow& row) const noexcept {
+  const int at = layout.holds(slot.position) ? layout.offset(slot.position) : -1;
+  Eigen::Vector3d line = known_position;
+  Eigen::Matrix3d P = position_P;
+  if (position_at >= 0) line = Eigen::Map<const Eigen::Vector3d>(filter.x() + position_at);
+  if (at >= 0) {
+    line -= Eigen::Map<const Eigen::Vector3d>(filter.x() + at);
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        P(i, j) += filter.covariance(at + i, at + j);
+        if (position_at < 0) continue;
+        P(i, j) -= filter.covariance(position_at + i, at + j) + filter.covariance(at + i, position_at + j);
+      }
+    }
+  } else if (slot.has_rest) {
+    line -= *slot.given.position_e_m;
+  } else {
+    return 0.0;  // satellites: 1e-5 m at 10 m
+  }
+  const double range = line.norm();
+  if (!(range > kNearM)) return 0.0;
+  const Eigen::Vector3d u = line / range;
+  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - u * u.transpose();
+  const Eigen::Matrix3d M = across * P * across;
+  const double scale = std::abs(row.at(bias_at));
+  const double mean = M.trace();
+  return 0.25 * scale * scale * (2.0 * M.squaredNorm() + mean * mean) / (range * range);
+}
+
 bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, double at_s, std::size_t number,
                                          ObservableReport& report) noexcept {
   const int s = slot_of(o.source);
@@ -210,7 +242,7 @@ bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, doub
   rows.push_back({number, s, o.kind, !is_fresh});
   touched.push_back(row);
   innovation.push_back(nu);
-  variance.push_back(o.sigma * o.sigma);
+  variance.push_back(o.sigma * o.sigma + bend(slot, row));
   return true;
 }
 
@@ -430,6 +462,43 @@ void OpportunisticNavigator::Impl::use_all(double at_s, std::span<const Opportun
   }
 }
 
+// What a place's correction d leaves wrong between it and a phase's constant: the covariance ties them by directions
+// that have turned by d / range since, so that d (d / 2 + what is still uncertain) / range is open again.
+void OpportunisticNavigator::Impl::loosen() noexcept {
+  const double* x = filter.x();
+  const double* x0 = start_x.data();
+  for (const int s : order) {
+    Slot& slot = slots[static_cast<std::size_t>(s)];
+    const bool constant = layout.holds(slot.ambiguity);
+    if (!slot.observed || (!constant && !layout.holds(slot.clock))) continue;
+    const int at = layout.holds(slot.position) ? layout.offset(slot.position) : -1;
+    if (at < 0 && (!slot.has_rest || position_at < 0)) continue;
+    Eigen::Vector3d move = Eigen::Vector3d::Zero();
+    Eigen::Vector3d line = position_at < 0 ? known_position : Eigen::Vector3d::Zero();
+    double uncertain = 0.0;
+    for (int i = 0; i < 3; ++i) {
+      if (position_at >= 0) {
+        move[i] += x[position_at + i] - x0[position_at + i];
+        line[i] += x[position_at + i];
+        uncertain += filter.covariance(position_at + i, position_at + i);
+      }
+      if (at >= 0) {
+        move[i] -= x[at + i] - x0[at + i];
+        uncertain += filter.covariance(at + i, at + i);
+        if (position_at >= 0) uncertain -= 2.0 * filter.covariance(position_at + i, at + i);
+      }
+      line[i] -= at >= 0 ? x[at + i] : (*slot.given.position_e_m)[i];
+    }
+    const double range = line.norm();
+    if (!(range > kNearM)) continue;
+    const double across = (move - line * (line.dot(move) / (range * range))).norm();
+    const double open_m = across * (0.5 * across + std::sqrt(std::max(uncertain, 0.0))) / range;
+    if (open_m < 1e-5 * slot.wavelength_m) continue;
+    const double sigma = constant ? open_m / slot.wavelength_m : open_m;
+    ask(constant ? layout.offset(slot.ambiguity) : layout.offset(slot.clock) + 1, sigma * sigma);
+  }
+}
+
 void OpportunisticNavigator::Impl::remember(double at_s) noexcept {
   past_head = (past_head + 1) % detail::kObservedEpochs;
   past_epochs = std::min(past_epochs + 1, detail::kObservedEpochs);
@@ -481,6 +550,9 @@ OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
   pending.clear();
   t_s = at_s;
 
+  for (int i = 0; i < 3 && position_at >= 0; ++i) {
+    for (int j = 0; j < 3; ++j) position_P(i, j) = filter.covariance(position_at + i, position_at + j);
+  }
   rows.clear();
   touched.clear();
   innovation.clear();
@@ -508,6 +580,8 @@ OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
 
   use_all(at_s, observed);
   if (recording) recorder.filtered(filter);
+
+  loosen();
 
   // What came of each.
   std::size_t k = 0;
