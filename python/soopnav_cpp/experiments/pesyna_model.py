@@ -40,7 +40,7 @@ EPOCHS, STEP_S = 250, 0.5
 FIRST_EVENT, MOST, LEAST = 10, 12, 5
 ACCELERATION = 0.02  # (m/s²)²/Hz of each axis
 PHASE_SIGMA_CYCLES, RANGE_SIGMA_M = 2e-3, 2.0
-MAST_SIGMA_M = 1.0
+START_SIGMA_M, MAST_SIGMA_M = 3.0, 1.0
 CHECKS = (25, 70, 115, 160, 205, 249)
 
 
@@ -186,12 +186,12 @@ def comings(seed: int, form: str) -> Comings:
     """One run; at every epoch after the first few a source joins or one leaves."""
     rng = np.random.default_rng(seed)
     p0 = place_e_m()
-    deviations = np.array([1.0] * 3 + [10.0] * 3 + [30.0, 3000.0])  # v, p, drift, bias
+    deviations = np.array([1.0] * 3 + [START_SIGMA_M] * 3 + [30.0, 3000.0])  # v, p, drift, bias
     start = np.concatenate([np.zeros(3), p0, np.zeros(2)]) + deviations * rng.normal(size=8)
     there = world(rng, seed, start)
     nav = OpportunisticNavigator(
         p0,
-        position_sigma_m=10.0,
+        position_sigma_m=START_SIGMA_M,
         velocity_sigma_mps=1.0,
         clock=TwoState.tcxo(),
         clock_bias_sigma_s=3000.0 / LIGHT_MPS,
