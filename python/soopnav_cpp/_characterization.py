@@ -37,9 +37,9 @@ def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _pair(clock: TwoState | Sequence[float]) -> tuple[float, float]:
-    if hasattr(clock, "h_minus_2"):
-        return float(clock.h0), float(clock.h_minus_2)
-    h0, h_minus_2 = clock
+    from soopnav_cpp.clock import TwoState  # clock has this module's names
+
+    h0, h_minus_2 = (clock.h0, clock.h_minus_2) if isinstance(clock, TwoState) else clock
     return float(h0), float(h_minus_2)
 
 
@@ -60,7 +60,7 @@ def _covariance(phase_sigma_s: npt.ArrayLike, channels: int) -> _Array:
         return sigma
     if not (np.all(sigma > 0.0) and np.all(np.isfinite(sigma))):
         raise ValueError(
-            f"phase_sigma_s = {phase_sigma_s}: positive and finite expected; "
+            f"phase_sigma_s = {phase_sigma_s!r}: positive and finite expected; "
             "white noise of a phase is known from C/N0 and is never zero"
         )
     return np.diag(np.broadcast_to(sigma, channels) ** 2)
@@ -173,7 +173,7 @@ class Characterization:
     def covariance_of(self, which: int = 0) -> _Array:
         """Covariance of (ln h0, ln h-2) of one estimated clock, shape (2, 2)."""
         here = slice(2 * which, 2 * which + 2)
-        return self.ln_covariance[here, here].copy()
+        return np.array(self.ln_covariance[here, here], np.float64)
 
     def allan_deviation(self, tau_s: npt.ArrayLike, which: int = 0) -> tuple[_Array, _Array]:
         """Allan deviation of one estimated clock and the factor it is known to at one sigma.
@@ -262,7 +262,7 @@ class Characterization:
 def _known(
     known: Sequence[TwoState | Sequence[float] | None] | None, clocks: int
 ) -> tuple[list[TwoState | Sequence[float] | None], list[int]]:
-    given = [None] * clocks if known is None else list(known)
+    given: list[TwoState | Sequence[float] | None] = [None] * clocks if known is None else list(known)
     if len(given) != clocks:
         raise ValueError(f"known: one for each of {clocks} clocks expected, None where estimated, got {len(given)}")
     return given, [c for c, clock in enumerate(given) if clock is None]

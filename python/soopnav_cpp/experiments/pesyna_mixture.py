@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +110,7 @@ def weak(seed: int, receiver: Receiver, with_iteration: bool) -> Weak:
     return Weak(np.array(covered), np.array(order), likely.only_sum_known, np.array(coherences), ends)
 
 
-def draw(lab: Lab, runs: dict[str, list[Weak]]) -> None:
+def draw(lab: Lab, runs: dict[Receiver, list[Weak]]) -> None:
     """Where the iteration ends, what the weights say along the record, and what either does to coherence."""
     with lab.figure(11.4, 3.9) as figure:
         left, middle, right = figure.subplots(1, 3)
@@ -166,15 +167,18 @@ def draw(lab: Lab, runs: dict[str, list[Weak]]) -> None:
 )
 def beyond_2(lab: Lab) -> Iterator[Claim]:
     """Two basestations and no satellite for 240 s."""
-    runs: dict[str, list[Weak]] = {}
+    runs: dict[Receiver, list[Weak]] = {}
     for name in RECEIVERS:
         first = lab.map(weak, name, True, runs=ITERATED)
         runs[name] = [*first, *lab.workers.map(weak, [(seed, name, False) for seed in lab.seeds[ITERATED:]])]
     draw(lab, runs)
-    lab.save(
-        **{f"{name}_{what}": [getattr(run, what) for run in group] for name, group in runs.items() for what in
-           ("covered", "right_order", "only_sum", "coherence", "iterated")}
-    )  # fmt: skip
+    columns = ("covered", "right_order", "only_sum", "coherence", "iterated")
+    kept: dict[str, Any] = {
+        f"{name}_{column}": [getattr(run, column) for run in group]
+        for name, group in runs.items()
+        for column in columns
+    }
+    lab.save(**kept)
     for name, group in runs.items():
         title = name.upper()
         ends = np.abs(np.log([run.iterated for run in group[:ITERATED]]))

@@ -75,7 +75,8 @@ def detrended(values: npt.ArrayLike) -> Array:
     record = np.asarray(values, np.float64)
     at = np.linspace(-1.0, 1.0, len(record))
     slope = float(at @ record) / float(at @ at)
-    return np.asarray(record - record.mean() - slope * at, np.float64)
+    out: Array = record - (float(record.mean()) + slope * at)
+    return out
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -101,7 +101,7 @@ def lagged_variance(seed: int, receiver: Receiver) -> Array:
 def figure_3(lab: Lab) -> Iterator[Claim]:
     """Six satellites, 240 s; the filter starts cold, its position and ambiguities open."""
     sigma = phase_sigma_s(GPS_DBHZ) / math.sqrt(SATELLITES)
-    kept: dict[str, Array] = {}
+    kept: dict[str, Any] = {}
     claims: list[Claim] = []
     lines: dict[str, tuple[Array, Array]] = {}
     for name, clock in RECEIVERS.items():
@@ -198,10 +198,11 @@ def compared(seed: int, receiver: Receiver) -> Array:
     """Greatest detrended difference between the whole navigator and the reduced one, each stage [cycles]."""
     found, sources = own_sources(seed, receiver)
     reduced = (stage_1(found), stage_2(found, sources), stage_3(found, sources))
+    numbers: tuple[Literal[1, 2, 3], ...] = (1, 2, 3)
     return np.array(
         [
             np.abs(L1_HZ * detrended(navigate(found, number, sources, seed).bias_s - by.bias_s[:, 0])).max()
-            for number, by in zip((1, 2, 3), reduced, strict=True)
+            for number, by in zip(numbers, reduced, strict=True)
         ]
     )
 
@@ -296,7 +297,7 @@ def figure_10(lab: Lab) -> Iterator[Claim]:
 )
 def figure_11(lab: Lab) -> Iterator[Claim]:
     """Own characterisation; each record of 240 s detrended once, windows overlapping."""
-    kept: dict[str, npt.ArrayLike] = {"tau_s": COHERENCE_TAU_S}
+    kept: dict[str, Any] = {"tau_s": COHERENCE_TAU_S}
     claims: list[Claim] = []
     with lab.figure(7.2, 4.4) as figure:
         axes = figure.add_subplot()
@@ -309,7 +310,9 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
             mean = each.mean(axis=0)
             bare = mean_squared_coherence(alone, DT_S, COHERENCE_TAU_S).mean_squared
             axes.fill_between(COHERENCE_TAU_S, *np.quantile(each, [0.05, 0.95], axis=0), color=colour, alpha=0.15, lw=0)
-            axes.plot(COHERENCE_TAU_S, mean, line, color=colour, lw=2.0, label=f"{title}, CDMA only: mean, 5 to 95 %")
+            axes.plot(
+                COHERENCE_TAU_S, mean, ls=line, color=colour, lw=2.0, label=f"{title}, CDMA only: mean, 5 to 95 %"
+            )
             axes.plot(COHERENCE_TAU_S, bare, ":", color=colour, lw=1.3, label=f"{title}, unaided")
             until = coherence_time(COHERENCE_TAU_S, mean)
             kept |= {f"{name}_each": each, f"{name}_unaided": bare}
