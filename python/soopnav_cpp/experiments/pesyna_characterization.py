@@ -130,9 +130,9 @@ def draw(lab: Lab, runs: list[Found], turns: Array) -> None:
                         np.arange(TURNS + 1), np.maximum(values, 1e-7), line, color=colour, lw=1.3, label=label
                     )
         left.axhspan(0.5, 2.0, color=GREEN, alpha=0.25, lw=0)
-        left.set_ylim(0.5e-7, 3e2)
-        left.text(19.8, 2.6, "within ×2", fontsize=8, color=GREEN, ha="right")
-        left.legend(fontsize=7.5, loc=(0.42, 0.3), title="median run, from ×100 and ÷100", title_fontsize=7.5)
+        left.set_ylim(0.5e-7, 2e4)
+        left.text(19.8, 0.12, "within ×2", fontsize=8, color=GREEN, ha="right")
+        left.legend(fontsize=7, ncols=2, loc="upper right", title="median run, from ×100 and ÷100", title_fontsize=7)
         left.set_xticks((0, 5, 10, 15, 20))
 
         style(middle, "Allan deviation after 240 s", "averaging time [s]", "Allan deviation")

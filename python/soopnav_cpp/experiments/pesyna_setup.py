@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -75,8 +75,7 @@ def detrended(values: npt.ArrayLike) -> Array:
     record = np.asarray(values, np.float64)
     at = np.linspace(-1.0, 1.0, len(record))
     slope = float(at @ record) / float(at @ at)
-    out: Array = record - (float(record.mean()) + slope * at)
-    return out
+    return cast("Array", record - (record.mean() + slope * at))
 
 
 @dataclass(frozen=True)

@@ -218,15 +218,18 @@ def three_stages(lab: Lab, receiver: Receiver) -> Iterator[Claim]:
         for stage in (stage_1(found), stage_2(found, sources), stage_3(found, sources))
     ]
     truth = L1_HZ * detrended(found.receiver_s)
-    with lab.figure(10.2, 4.0) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
-        style(left, f"Receiver clock offset estimates, {title}", "time [s]", "δt at L1, detrended [cycles]")
+    with lab.figure(10.2, 5.0) as figure:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1.0))
+        left, below_it, right = (figure.add_subplot(grid[at]) for at in ((0, 0), (1, 0), (slice(None), 1)))
+        style(left, f"Receiver clock offset estimates, {title}", "", "δt at L1, detrended [cycles]")
+        style(below_it, "The same less the true clock", "time [s]", "[cycles]")
         names = ("stage 1: GPS", "stage 2: GPS + CDMA", "stage 3: CDMA only")
         for curve, name, colour, line in zip(curves, names, (BLUE, GREEN, RED), ("-", "--", "-"), strict=True):
             left.plot(found.t_s, curve, line, color=colour, lw=1.3, label=name)
+            below_it.plot(found.t_s, curve - truth, line, color=colour, lw=1.1)
         left.plot(found.t_s, truth, ":", color="black", lw=0.9, label="true")
         left.legend(fontsize=8)
-        style(right, f"Greatest CDMA-only error in 240 s, {lab.runs} runs", "[cycles]", "runs")
+        style(right, "Greatest error of stage 3 in 240 s", "[cycles]", f"runs of {lab.runs}")
         right.hist(greatest[:, 2], bins=np.linspace(0.0, 0.7, 36), color=BLUE, alpha=0.8)
         right.axvline(0.5, color=RED, lw=1.2)
         right.text(0.51, 0.9, "½ cycle", color=RED, fontsize=8, transform=right.get_xaxis_transform())
@@ -345,6 +348,6 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
         axes.text(199.0, 0.515, "coherence time: 0.5", fontsize=8, color=GREY, ha="right")
         axes.set_xlim(0.0, 200.0)
         axes.set_ylim(0.0, 1.02)
-        axes.legend(fontsize=8, loc=(0.55, 0.11))
+        axes.legend(fontsize=8, loc=(0.17, 0.05))
     lab.save(**kept)
     yield from claims
