@@ -230,6 +230,7 @@ _FIELDS = {
     "IODE": "iode",
 }
 _MESSAGE_LINES = 8
+_SAME_REFERENCE_S = 120.0
 
 
 def _satellite_and_time(line: str) -> tuple[str, np.datetime64] | None:
@@ -276,7 +277,9 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
     columns = {ours: np.asarray(data[theirs].values, dtype=np.float64) for theirs, ours in _FIELDS.items()}
     fit_h = np.asarray(data["FitIntvl"].values, dtype=np.float64)
     weeks, seconds = _week_and_second(data.time.values)
-    messages = []
+    sent_s = np.asarray(data["TransTime"].values, dtype=np.float64) if "TransTime" in data else None
+    messages: list[dict[str, float]] = []
+    sent: list[float] = []
     found: set[tuple[str, np.datetime64]] = set()
     for i, j in zip(*np.nonzero(np.isfinite(columns["sqrt_a"])), strict=True):
         values = {name: float(column[i, j]) for name, column in columns.items()}
@@ -287,10 +290,31 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
         values["toc_s"] = seconds[i] + float(weeks[i] - values["week"]) * _WEEK_S
         values["fit_interval_s"] = 3600.0 * (fit_h[i, j] if fit_h[i, j] >= 4.0 else 4.0)
         messages.append(values)
+        sent.append(float(sent_s[i, j]) if sent_s is not None else np.nan)
+    messages = _not_superseded(messages, sent)
     for record in file.records:
         if (named := _satellite_and_time(record)) not in found and named is not None:
             file.problems.append(f"{file.path}: the message of {named[0]} at {named[1]} cannot be read; left out")
     return messages, _klobuchar(file.header), tuple(file.problems)
+
+
+def _not_superseded(messages: list[dict[str, float]], sent_s: list[float]) -> list[dict[str, float]]:
+    """Without those that an upload replaced: same satellite, reference times seconds apart, sent earlier.
+
+    After an upload a satellite sends a reference time some seconds before the full hour; by reference time alone the old
+    message would be taken as often as the new one, and its clock may be metres off.
+    """
+    kept = []
+    for a, one in enumerate(messages):
+        newer = any(
+            other["prn"] == one["prn"]
+            and 0.0 < abs(other["toe_s"] - one["toe_s"] + (other["week"] - one["week"]) * _WEEK_S) < _SAME_REFERENCE_S
+            and 0.0 < sent_s[b] - sent_s[a] < 86_400.0
+            for b, other in enumerate(messages)
+        )
+        if not newer:
+            kept.append(one)
+    return kept
 
 
 def _klobuchar(header: str) -> _Array | None:

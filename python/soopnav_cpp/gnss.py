@@ -48,10 +48,12 @@ from soopnav_cpp._gnss_data import (
     walker_constellation,
 )
 from soopnav_cpp._gnss_point import PointFixes
+from soopnav_cpp._gps_phase import L2_HZ, PhaseUse, StaticPhaseFix, StaticPhaseStatus, ionosphere_free, static_phase
 
 __all__ = [
     "L1_HZ",
     "L1_M",
+    "L2_HZ",
     "AttitudeFilter",
     "AttitudeFixes",
     "AttitudeRun",
@@ -61,12 +63,15 @@ __all__ = [
     "Ephemerides",
     "HeadingError",
     "Observations",
+    "PhaseUse",
     "PointFixes",
     "PointStatus",
     "ReceiverDifferences",
     "SatelliteStates",
     "SatelliteUse",
     "Sights",
+    "StaticPhaseFix",
+    "StaticPhaseStatus",
     "acquire_attitude",
     "arrival_angle",
     "arrival_angle_sigma",
@@ -75,6 +80,7 @@ __all__ = [
     "cycle_slips",
     "heading_error",
     "heading_error_density",
+    "ionosphere_free",
     "lambda_ils",
     "read_navigation",
     "read_observations",
@@ -84,6 +90,7 @@ __all__ = [
     "sights",
     "single_point",
     "solve_baseline",
+    "static_phase",
     "success_rate",
     "walker_constellation",
 ]
