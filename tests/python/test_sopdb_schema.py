@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "support"))
+import postgresql
 from sopdb_api import Api
 from sopdb_bodies import characterization
 
@@ -38,13 +39,23 @@ def _check(case: Any, headers: dict[str, str]) -> int:
     return int(response.status_code)
 
 
-@pytest.fixture(scope="module")
-def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
-    with Store(str(tmp_path_factory.mktemp("schema") / "signals.db")) as store:
+def _filled(url: str) -> Iterator[Api]:
+    with Store(url) as store:
         found = Api(store)
         for k in range(3):
             found.contribute(characterization(f"s{k}"))
         yield found
+
+
+@pytest.fixture
+def api(tmp_path: Path) -> Iterator[Api]:
+    yield from _filled(str(tmp_path / "signals.db"))
+
+
+@pytest.fixture
+def postgresql_api() -> Iterator[Api]:
+    with postgresql.running() as server:
+        yield from _filled(server.new_database())
 
 
 def _run(api: Api, examples: int) -> Counter[int]:
@@ -73,10 +84,20 @@ def _run(api: Api, examples: int) -> Counter[int]:
     return statuses
 
 
-@pytest.mark.fuzz
-@pytest.mark.parametrize("examples", [4, pytest.param(150, marks=pytest.mark.slow)])
-def test_nothing_sent_makes_it_fail(api: Api, examples: int) -> None:
+def _judge(api: Api, examples: int) -> None:
     statuses = _run(api, examples)
     assert max(statuses) < 500
     assert {200, 201, 403, 404, 422} <= set(statuses)  # it got past the doors, and was refused at them
     assert api.get("/health").json()["status"] == "ok"
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("examples", [4, pytest.param(150, marks=pytest.mark.slow)])
+def test_nothing_sent_makes_it_fail(api: Api, examples: int) -> None:
+    _judge(api, examples)
+
+
+@pytest.mark.slow
+@pytest.mark.fuzz
+def test_nothing_sent_makes_it_fail_on_postgresql(postgresql_api: Api) -> None:
+    _judge(postgresql_api, 100)

@@ -382,6 +382,7 @@ def test_texts_that_are_no_bodies(shared: Api, raw: str | bytes, said: str) -> N
         ("limit=501", "limit"),
         ("limit=1e2", "limit"),
         ("kind=radar", "kind"),
+        ("name=a%00b", "name"),
         ("cursor=abc", "cursor"),
         ("cursor=%F0%9F%93%A1", "cursor"),
         ("cursor=WzEsMl0", "cursor"),

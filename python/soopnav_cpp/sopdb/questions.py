@@ -14,7 +14,7 @@ from soopnav_cpp.sopdb.records import utc
 from soopnav_cpp.sopdb.spatial import Box
 from soopnav_cpp.sopdb.store import Search
 
-__all__ = ["box", "cursor", "idempotency_key", "matches", "near", "read_before", "read_cursor", "time"]
+__all__ = ["box", "cursor", "idempotency_key", "matches", "name", "near", "read_before", "read_cursor", "time"]
 
 _EARLIEST = datetime(1980, 1, 6, tzinfo=timezone.utc)
 _MOST_ID = 2**63 - 1
@@ -54,6 +54,13 @@ def box(text: str | None) -> Box | None:
     if max(abs(west), abs(east)) > 180.0 or not -90.0 <= south <= north <= 90.0:
         raise _refuse("bbox", "longitudes in [-180, 180] and -90 <= SOUTH <= NORTH <= 90 expected")
     return Box(south, north, west, east)
+
+
+def name(text: str | None) -> str | None:
+    """Part of a name."""
+    if text is None or text.isprintable():
+        return text
+    raise _refuse("name", "text without control characters expected")
 
 
 def time(text: str | None, max_ahead_s: float) -> datetime | None:

@@ -180,7 +180,7 @@ def _add_reads(app: FastAPI, service: _Service) -> None:
         cursor: _Cursor = None,
     ) -> Response:
         radius_m = radius_m if near is not None else 0.0
-        search = Search(kind, questions.near(near), radius_m, questions.box(bbox), name)
+        search = Search(kind, questions.near(near), radius_m, questions.box(bbox), questions.name(name))
         when = questions.time(at, settings.max_ahead_s)
         after = questions.read_cursor(cursor, search)
         answer = await service.read(
