@@ -38,6 +38,13 @@ pytestmark = pytest.mark.law
 
 LATER = (datetime.now(timezone.utc) + timedelta(days=2)).strftime("%Y-%m-%dT%H:%M:%SZ")
 EPOCH = datetime.now(timezone.utc)
+HTTP = httpx.Client(verify=False)  # certificates are read once, not for each request
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    HTTP.close()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +54,7 @@ def server() -> Iterator[postgresql.Server]:
 
 
 def ask(running: Running, path: str, role: str = "admin", **parameters: Any) -> Any:
-    answer = httpx.get(
+    answer = HTTP.get(
         running.url + path, params=parameters, headers={"Authorization": f"Bearer {running.tokens[role]}"}
     )
     assert answer.status_code == 200, answer.text
@@ -58,7 +65,7 @@ def send(running: Running, one: Any, key: str | None = None, token: str | None =
     headers = {"Authorization": f"Bearer {token or running.tokens['contribute']}"}
     if key is not None:
         headers["Idempotency-Key"] = key
-    return httpx.post(f"{running.url}/v1/characterizations", json=one, headers=headers)
+    return HTTP.post(f"{running.url}/v1/characterizations", json=one, headers=headers)
 
 
 def bodies() -> list[dict[str, Any]]:
@@ -86,6 +93,14 @@ def everything(running: Running) -> dict[str, Any]:
     found["near"] = ask(running, "/v1/sources", near="-33.9,-179.999", radius_m=1000, at=LATER)
     found["box"] = ask(running, "/v1/sources", bbox="-180,-90,180,90", at=LATER)
     found["name"] = ask(running, "/v1/sources", name="drop table", at=LATER)
+    for odd, status in (("\0", 422), ("a\nb", 422), ("%", 200), ("_\\/'", 200), ("\ud7ff\U0010ffff", 200)):
+        answer = HTTP.get(
+            f"{running.url}/v1/sources",
+            params={"name": odd},
+            headers={"Authorization": f"Bearer {running.tokens['read']}"},
+        )
+        assert answer.status_code == status, odd
+        assert status == 422 or answer.json()["sources"] == []
     return found
 
 
