@@ -28,6 +28,7 @@ import httpx
 import postgresql
 from click.testing import CliRunner
 from sopdb_server import body
+from sopdb_server import serving as running
 
 from soopnav_cpp.cli.app import cli
 from soopnav_cpp.sopdb.service import create_app
@@ -159,7 +160,7 @@ def test_tokens_quarantine_and_backup(folder: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("ADMIN", run(admin).strip().splitlines()[-1])
     assert "phone" in run(listing)
     run(revoke.replace("ID", made.strip().splitlines()[-1].split("_")[1]), "ended")
-    with serving("soopnav sopdb serve", folder) as url:
+    with Store("sopdb.sqlite3") as store, running(create_app(store)) as url:
         monkeypatch.setenv("SERVER", url)
         monkeypatch.setenv("SOOPNAV_SOPDB_URL", url)
         monkeypatch.setenv("SOOPNAV_SOPDB_TOKEN", os.environ["ADMIN"])
@@ -229,8 +230,6 @@ def test_the_interface_is_that_of_the_service(tmp_path: Path) -> None:
         names = {one["name"] for one in app.openapi()["paths"]["/v1/sources"]["get"]["parameters"]}
         assert set(re.findall(r"`([a-z_]+)", parameters)) == names
         tokens = {role: store.create_token(role, role).text for role in ("read", "contribute", "admin")}
-        from sopdb_server import serving as running
-
         with running(app) as url, httpx.Client(base_url=url) as client:
             for method, path, role in rows:
                 for index, (held, token) in enumerate(tokens.items()):
