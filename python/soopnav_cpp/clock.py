@@ -17,7 +17,6 @@ import numpy.typing as npt
 from soopnav_cpp._characterization import (
     Characterization,
     ClockEstimates,
-    NoiseBank,
     PhaseScore,
     characterize,
     error_allan_variance,
@@ -36,6 +35,7 @@ from soopnav_cpp._coherence import (
     required_cn0_dbhz,
 )
 from soopnav_cpp._core import clock as _clock
+from soopnav_cpp._noise_bank import NoiseBank
 
 __all__ = [
     "Characterization",

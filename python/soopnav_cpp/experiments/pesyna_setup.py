@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -72,10 +72,11 @@ def phase_sigma_s(cn0_dbhz: float, dt_s: float = DT_S) -> float:
 
 def detrended(values: npt.ArrayLike) -> Array:
     """A record less its straight line by least squares, taken once over all of it."""
-    record = np.asarray(values, np.float64)
+    record: Array = np.array(values, np.float64)
     at = np.linspace(-1.0, 1.0, len(record))
     slope = float(at @ record) / float(at @ at)
-    return cast("Array", record - (record.mean() + slope * at))
+    record -= record.mean() + slope * at
+    return record
 
 
 @dataclass(frozen=True)

@@ -230,7 +230,7 @@ def three_stages(lab: Lab, receiver: Receiver) -> Iterator[Claim]:
         left.plot(found.t_s, truth, ":", color="black", lw=0.9, label="true")
         left.legend(fontsize=8)
         style(right, "Greatest error of stage 3 in 240 s", "[cycles]", f"runs of {lab.runs}")
-        right.hist(greatest[:, 2], bins=np.linspace(0.0, 0.7, 36), color=BLUE, alpha=0.8)
+        right.hist(greatest[:, 2], bins=np.linspace(0.0, 0.7, 36).tolist(), color=BLUE, alpha=0.8)
         right.axvline(0.5, color=RED, lw=1.2)
         right.text(0.51, 0.9, "½ cycle", color=RED, fontsize=8, transform=right.get_xaxis_transform())
     lab.save(
