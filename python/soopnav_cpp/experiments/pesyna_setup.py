@@ -114,7 +114,7 @@ class Record:
     @property
     def t_s(self) -> Array:
         """Times of the epochs [s], from 0."""
-        return self.dt_s * np.arange(len(self.receiver_s))
+        return np.arange(len(self.receiver_s), dtype=np.float64) * self.dt_s
 
     @property
     def gps_sigma_s(self) -> float:
