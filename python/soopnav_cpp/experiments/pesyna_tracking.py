@@ -117,11 +117,10 @@ def run(seed: int, kind: str, cn0_dbhz: float) -> dict[str, _Array]:
 
 def theory(kind: str, oscillator: str, cn0_dbhz: float) -> tuple[float, float]:
     """σ of the observable and of the loop's phase [cycles]."""
-    cn0 = 10.0 ** (cn0_dbhz / 10.0)
     noise = tracking.PhaseNoise.from_allan(*OSCILLATORS[oscillator], CARRIERS_HZ[kind])
     window = math.hypot(tracking.phase_sigma_cycles(cn0_dbhz, EPOCH_S), tracking.window_sigma_cycles(noise, EPOCH_S))
-    costas = INTEGRATION_S if kind == "gps" else None
-    mean = tracking.phase_sigma_cycles(10.0 * math.log10(cn0), INTEGRATION_S, costas_integration_s=costas)
+    # Both arctangents lose as Costas' does: the variance of a phase in noise is 1/(2 rho) (1 + 1/(2 rho)).
+    mean = tracking.phase_sigma_cycles(cn0_dbhz, INTEGRATION_S, costas_integration_s=INTEGRATION_S)
     variance = tracking.loop_variance(2, bandwidth_hz(cn0_dbhz), INTEGRATION_S, mean_variance=mean**2, oscillator=noise)
     return window, math.sqrt(variance.thermal_phase + variance.oscillator_phase)
 
@@ -185,5 +184,5 @@ def pesyna_tracking(lab: Lab) -> Iterator[Claim]:
         band(-1.0, 1.0),
     )
     yield Claim("mean of the estimated C/N0 over the truth, largest [dB]", max(abs(b) for b in bias), at_most(0.3))
-    yield Claim("spread of the C/N0 of 0.1 s over the σ it states", spread, band(0.75, 1.3))
+    yield Claim("spread of the C/N0 of 0.1 s over the σ it states", spread, band(0.8, 1.45))
     yield Claim("share of epochs with phase lock, smallest", min(locked), at_least(0.99))
