@@ -72,7 +72,8 @@ def test_a_quiet_run_uses_everything_and_says_how_well() -> None:
     run = go(nav, t, phase, code, covariance=True)
     assert np.all(run.phase_use == ObservableUse.ACCEPTED)
     assert np.all(run.pseudorange_use == ObservableUse.ACCEPTED)
-    assert not run.receiver_jump.any() and run.slips == 0
+    assert not run.receiver_jump.any()
+    assert run.slips == 0
     assert np.all(np.abs(run.position_e_m[-1] - PLACE) < 6.0 * run.sigma[-1, :3])
     assert run.covariance is not None
     np.testing.assert_allclose(np.sqrt(np.diagonal(run.covariance, axis1=1, axis2=2)), run.sigma, rtol=1e-9)
@@ -80,7 +81,8 @@ def test_a_quiet_run_uses_everything_and_says_how_well() -> None:
     # The sum of 99 epochs of 12 innovations is chi-square; 1e-6 on either side.
     low, high = sn.estimation.mean_nees_bounds(float(run.dof.sum()), 1, failure_probability=2e-6)
     assert low < run.nis.sum() < high
-    assert "100 epochs" in repr(run) and "S3" in repr(nav)
+    assert "100 epochs" in repr(run)
+    assert "S3" in repr(nav)
 
 
 def test_missing_and_meaningless_observables_are_counted_and_change_nothing() -> None:
@@ -132,7 +134,8 @@ def test_a_source_is_present_once() -> None:
         nav.add_source("S1", "cdma", carrier_hz=CARRIER_HZ, position_e_m=PLACE + 1000.0)
     assert nav.remove_source(nav.find_source("S1"))  # type: ignore[arg-type]
     again = nav.add_source("S1", "cdma", carrier_hz=CARRIER_HZ, position_e_m=PLACE + 1000.0)
-    assert again == 2 and nav.sources == (0, 2)
+    assert again == 2
+    assert nav.sources == (0, 2)
     with pytest.raises(ValueError, match="not present"):
         nav.source(1)
 
@@ -150,7 +153,9 @@ def test_a_source_that_moves_is_suspended_and_the_others_stay_right(form: str) -
     assert not any(nav.source(k).suspended for k in (0, 1, 2, 3, 5))
     assert np.all(run.phase_use[:, [0, 1, 2, 3, 5]] == ObservableUse.ACCEPTED)
     assert np.max(np.abs(run.position_e_m[-1] - PLACE)) < 1.0
-    assert nav.readmit(4) and not nav.source(4).suspended and not nav.readmit(4)
+    assert nav.readmit(4)
+    assert not nav.source(4).suspended
+    assert not nav.readmit(4)
 
 
 def test_a_receiver_clock_that_jumps_is_told_from_slips() -> None:
@@ -207,7 +212,8 @@ def test_without_sources_it_coasts_and_says_what_is_not_observed() -> None:
     assert nav.unobservable() == ()
     before = nav.clock_covariance[0, 0]
     report = nav.step(20.0, [])
-    assert report.coasted and report.status == "accepted"
+    assert report.coasted
+    assert report.status == "accepted"
     assert nav.clock_covariance[0, 0] > before
     # One phase and nothing else: the clock is not told from the constant, nor any coordinate.
     lone = receiver("known")
@@ -356,7 +362,7 @@ def test_smoothing_over_joins_and_leaves_is_the_solution_in_one_piece(form: str)
         for name, source in ids.items():
             if not since[name] <= k < until[name] or (name == "B" and k < 3):
                 continue
-            for kind, sigma, scale in (("phase", 0.5, PER_METRE), ("pseudorange", 3.0, 1.0)):
+            for kind, sigma, _scale in (("phase", 0.5, PER_METRE), ("pseudorange", 3.0, 1.0)):
                 found = nav.expected(k * dt, {"source": source, "kind": kind})
                 assert found is not None
                 value = found[0] + 2.0 * sigma * rng.normal()
@@ -374,7 +380,8 @@ def test_smoothing_over_joins_and_leaves_is_the_solution_in_one_piece(form: str)
         assert nav.step(k * dt, given).accepted == len(given)
     smoothed = nav.smooth(gains=True)
     x, P = piece.solve()
-    assert len(smoothed) == epochs and smoothed.sources[:2] == (-1, -1)
+    assert len(smoothed) == epochs
+    assert smoothed.sources[:2] == (-1, -1)
 
     def check(series: str, name: str, first: int, last: int, constant: bool = False) -> None:
         column = smoothed.column(series)
@@ -435,7 +442,8 @@ def test_the_same_run_gives_the_same_bits_and_steps_make_a_batch() -> None:
         report = stepped.step(float(t[k]), rows)
         assert report.uses == (ObservableUse.ACCEPTED,) * 12
     np.testing.assert_array_equal(stepped.mean, run.mean[-1])
-    assert np.all(np.isfinite(report.w)) and report.dof == 12
+    assert np.all(np.isfinite(report.w))
+    assert report.dof == 12
 
 
 def test_the_announced_is_opened_and_noise_is_replaced() -> None:
@@ -444,14 +452,17 @@ def test_the_announced_is_opened_and_noise_is_replaced() -> None:
     go(nav, t[:20], phase[:20], code[:20])
     known = nav.source(3).ambiguity_sigma_cycles
     assert nav.open_ambiguity(3, 50.0)
-    assert not nav.open_ambiguity(99, 50.0) and not nav.open_ambiguity(3, np.nan)
+    assert not nav.open_ambiguity(99, 50.0)
+    assert not nav.open_ambiguity(3, np.nan)
     nav.step(2.0, [])
     assert nav.source(3).ambiguity_sigma_cycles == pytest.approx(50.0, rel=1e-3)
     assert known < 5.0
     before = nav.clock_covariance[0, 0]
-    assert nav.open_clock(None, 1e-6) and not nav.open_clock(0, 1e-6)
+    assert nav.open_clock(None, 1e-6)
+    assert not nav.open_clock(0, 1e-6)
     nav.step(2.1, [])
     assert nav.clock_covariance[0, 0] == pytest.approx(before + 1e-12, rel=0.05)
-    assert nav.set_clock_noise(None, TwoState.tcxo()) and not nav.set_clock_noise(None, (-1.0, 0.0))
+    assert nav.set_clock_noise(None, TwoState.tcxo())
+    assert not nav.set_clock_noise(None, (-1.0, 0.0))
     nav.step(12.1, [])
     assert nav.clock_covariance[0, 0] > before + 1e-12

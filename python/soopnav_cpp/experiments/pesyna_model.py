@@ -93,9 +93,7 @@ def world(rng: np.random.Generator, seed: int, start: Array) -> World:
     t = STEP_S * np.arange(EPOCHS)
     motion = np.empty((EPOCHS, 6))
     motion[0] = start[:6]
-    root = np.linalg.cholesky(
-        ACCELERATION * np.array([[STEP_S, STEP_S**2 / 2.0], [STEP_S**2 / 2.0, STEP_S**3 / 3.0]])
-    )
+    root = np.linalg.cholesky(ACCELERATION * np.array([[STEP_S, STEP_S**2 / 2.0], [STEP_S**2 / 2.0, STEP_S**3 / 3.0]]))
     for k in range(1, EPOCHS):
         noise = root @ rng.normal(size=(2, 3))
         motion[k, :3] = motion[k - 1, :3] + noise[0]
@@ -358,7 +356,12 @@ def check_models(seed: int) -> list[ModelCheck]:
         gamma = 100.0 * rng.normal()
 
         def expected(
-            component: int, by: float, carrier: float = carrier, orbit: SampledOrbit = orbit, extra: Any = extra
+            component: int,
+            by: float,
+            carrier: float = carrier,
+            orbit: SampledOrbit = orbit,
+            extra: Any = extra,
+            gamma: float = gamma,
         ) -> tuple[float, Array]:
             # State: position, drift, bias, then position, drift and bias of the source and its ambiguity.
             moved = np.zeros(12)
