@@ -25,7 +25,7 @@ def masts(count: int) -> Array:
     """Around the place, 4 to 9 km away."""
     angle = 2.4 * np.arange(count)
     way = np.stack([np.cos(angle), np.sin(angle), np.sin(1.7 * angle)], axis=1)
-    return PLACE + way * (4000.0 + 600.0 * np.arange(count)[:, None])
+    return np.asarray(PLACE + way * (4000.0 + 600.0 * np.arange(count)[:, None]), np.float64)
 
 
 def receiver(motion: str = "static", form: str = "square_root", **options: Any) -> OpportunisticNavigator:
@@ -53,7 +53,7 @@ def with_masts(count: int = 6, **options: Any) -> OpportunisticNavigator:
 def heard(nav: OpportunisticNavigator, epochs: int, seed: int = 1) -> tuple[Array, Array, Array]:
     """Times, phases and pseudoranges of the navigator's own state, with noise."""
     rng = np.random.default_rng(seed)
-    t = 0.1 * np.arange(epochs)
+    t = np.asarray(0.1 * np.arange(epochs), np.float64)
     phase, code = (
         np.array([nav.expected(0.0, {"source": k, "kind": kind})[0] for k in nav.sources])  # type: ignore[index]
         for kind in ("phase", "pseudorange")

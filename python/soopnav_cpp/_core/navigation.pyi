@@ -29,6 +29,7 @@ __all__: list[str] = [
     "HandsetUse",
     "NodeMapStatus",
     "NodeUse",
+    "ObservableUse",
     "OfdmInertialNavigator",
     "PairStart",
     "PairStartStatus",
@@ -1255,6 +1256,148 @@ class CooperativeGroup:
         """
         Of the state.
         """
+
+class ObservableUse(enum.IntEnum):
+    """
+    What became of an observable.
+    """
+
+    ACCEPTED = ...
+    GATED = ...
+    MISSING = ...
+    NON_FINITE = ...
+    NOT_POSITIVE_DEFINITE = ...
+    SLIP = ...
+    SUSPENDED = ...
+    TOO_MANY = ...
+    UNDEFINED = ...
+    UNKNOWN_SOURCE = ...
+    def __format__(self, format_spec): ...
+
+class _OpportunisticSmoother:
+    """
+    Arrays of a smoothed run.
+    """
+    def covariance(
+        self, components: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def lag_covariance(
+        self, component: typing.SupportsInt | typing.SupportsIndex, max_lag: typing.SupportsInt | typing.SupportsIndex
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def mean(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def sigma(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def t_s(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def sources(self) -> list[int]: ...
+
+class _OpportunisticNavigator:
+    """
+    The engine of `OpportunisticNavigator`.
+    """
+    def __init__(
+        self,
+        *,
+        position: numpy.typing.ArrayLike,
+        position_covariance: numpy.typing.ArrayLike,
+        velocity: numpy.typing.ArrayLike,
+        velocity_covariance: numpy.typing.ArrayLike,
+        clock_bias_m: typing.SupportsFloat | typing.SupportsIndex,
+        clock_drift_mps: typing.SupportsFloat | typing.SupportsIndex,
+        clock_covariance: numpy.typing.ArrayLike,
+        clock: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex],
+        motion: typing.SupportsInt | typing.SupportsIndex,
+        form: typing.SupportsInt | typing.SupportsIndex,
+        time_tag: typing.SupportsInt | typing.SupportsIndex,
+        position_walk_m2ps: typing.SupportsFloat | typing.SupportsIndex,
+        acceleration_psd_m2ps3: typing.SupportsFloat | typing.SupportsIndex,
+        max_sources: typing.SupportsInt | typing.SupportsIndex,
+        max_observables: typing.SupportsInt | typing.SupportsIndex,
+        fault_probability: typing.SupportsFloat | typing.SupportsIndex,
+        suspend_share: typing.SupportsFloat | typing.SupportsIndex,
+        suspend_memory: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def add_source(
+        self,
+        *,
+        name: str,
+        carrier_hz: typing.SupportsFloat | typing.SupportsIndex,
+        orbit: soopnav_cpp._core.geometry.SampledOrbit | None,
+        position: typing.Any,
+        position_covariance: typing.Any,
+        clock: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] | None,
+        clock_bias_m: typing.SupportsFloat | typing.SupportsIndex,
+        clock_drift_mps: typing.SupportsFloat | typing.SupportsIndex,
+        clock_epoch_s: typing.SupportsFloat | typing.SupportsIndex,
+        clock_covariance: numpy.typing.ArrayLike,
+        ambiguity_estimated: bool,
+        ambiguity_cycles: typing.SupportsFloat | typing.SupportsIndex,
+        ambiguity_sigma_cycles: typing.SupportsFloat | typing.SupportsIndex,
+        ambiguity_walk_cycles2ps: typing.SupportsFloat | typing.SupportsIndex,
+        position_walk_m2ps: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> int: ...
+    def clock_covariance(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def component_names(self) -> list[str]: ...
+    def covariance(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def expected(
+        self, t_s: typing.SupportsFloat | typing.SupportsIndex, observation: numpy.typing.ArrayLike
+    ) -> typing.Any: ...
+    def find_source(self, name: str) -> int: ...
+    def mean(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def open_ambiguity(
+        self,
+        source: typing.SupportsInt | typing.SupportsIndex,
+        sigma_cycles: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> bool: ...
+    def open_clock(
+        self,
+        source: typing.SupportsInt | typing.SupportsIndex,
+        bias_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        drift_sigma_mps: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> bool: ...
+    def position(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def position_covariance(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def readmit(self, source: typing.SupportsInt | typing.SupportsIndex) -> bool: ...
+    def remove_source(self, source: typing.SupportsInt | typing.SupportsIndex) -> bool: ...
+    def run(
+        self,
+        *,
+        t_s: numpy.typing.ArrayLike,
+        sources: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        phase: numpy.typing.ArrayLike,
+        phase_sigma: numpy.typing.ArrayLike,
+        pseudorange: numpy.typing.ArrayLike,
+        pseudorange_sigma: numpy.typing.ArrayLike,
+        phase_correction: numpy.typing.ArrayLike,
+        range_correction: numpy.typing.ArrayLike,
+        source_position: numpy.typing.ArrayLike,
+        source_clock: numpy.typing.ArrayLike,
+        record: bool,
+        covariance: bool,
+    ) -> dict: ...
+    def set_clock_noise(
+        self,
+        source: typing.SupportsInt | typing.SupportsIndex,
+        white_frequency_m2ps: typing.SupportsFloat | typing.SupportsIndex,
+        frequency_walk_m2ps3: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> bool: ...
+    def smooth(self, gains: bool) -> _OpportunisticSmoother: ...
+    def source(self, source: typing.SupportsInt | typing.SupportsIndex) -> typing.Any: ...
+    def sources(self) -> list[int]: ...
+    def start_recording(self, epochs: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def step(self, t_s: typing.SupportsFloat | typing.SupportsIndex, observations: numpy.typing.ArrayLike) -> dict: ...
+    def unobservable(
+        self, epochs: typing.SupportsInt | typing.SupportsIndex, tolerance: typing.SupportsFloat | typing.SupportsIndex
+    ) -> list[str]: ...
+    @property
+    def clock_bias_m(self) -> float: ...
+    @property
+    def clock_drift_mps(self) -> float: ...
+    @property
+    def recorded(self) -> int: ...
+    @property
+    def t_s(self) -> float: ...
 
 def doppler_fix(rows: numpy.typing.ArrayLike, **kwargs) -> dict:
     """

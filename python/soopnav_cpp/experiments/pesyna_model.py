@@ -100,11 +100,11 @@ def world(rng: np.random.Generator, seed: int, start: Array) -> World:
         motion[k, 3:] = motion[k - 1, 3:] + STEP_S * motion[k - 1, :3] + noise[1]
     own = TwoState.tcxo().simulate_at(t, seed=seed, stream=1, bias_s=start[7] / LIGHT_MPS, drift=start[6] / LIGHT_MPS)
     truth = np.column_stack([motion, own.drift * LIGHT_MPS, own.bias_m])
-    return World(t, truth, t - own.bias_m / LIGHT_MPS)
+    return World(np.asarray(t, np.float64), truth, t - own.bias_m / LIGHT_MPS)
 
 
 def signal(rng: np.random.Generator, seed: int, number: int, joins: int, there: World) -> Signal:
-    """Source `number`, which joins before epoch `joins`: its prior, its truth drawn from it, and what is heard of it."""
+    """Source `number`, which joins before epoch `joins`: its prior, a truth drawn from it, what is heard of it."""
     gps, iridium = skies()
     kind = ("gps", "cdma", "gps", "cdma unsurveyed", "iridium")[number % 5]
     since = max(joins - 1, 0)  # the prior is of the step before
