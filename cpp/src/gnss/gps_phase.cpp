@@ -415,8 +415,9 @@ bool StaticSolution::reject() {
       for (const bool phase : {true, false}) {
         if (!(phase ? phase_used(m) : code_used(m))) continue;
         const Row r = row(k, i, phase);
-        weights += r.weight;
-        sum += r.weight * rest(r);
+        const double weight = r.weight * (phase ? lasting_ : 1.0);  // between epochs the phase is as good as its noise
+        weights += weight;
+        sum += weight * rest(r);
       }
     }
     if (!(weights > 0.0)) {
@@ -481,8 +482,9 @@ void StaticSolution::covariances() {
       for (const bool phase : {true, false}) {
         if (!(phase ? phase_used(at(k, i)) : code_used(at(k, i)))) continue;
         const Row r = row(k, i, phase);
-        weights += r.weight;
-        for (int a = 0; a < r.count; ++a) u[r.column[a]] += r.weight * r.value[a];
+        const double weight = r.weight * (phase ? lasting_ : 1.0);
+        weights += weight;
+        for (int a = 0; a < r.count; ++a) u[r.column[a]] += weight * r.value[a];
       }
     }
     u /= weights;

@@ -105,6 +105,9 @@ def print_table(outcomes: Sequence[Outcome], console: Console) -> None:
     console.print(table)
     held = sum(claim.holds for _, claim in claims)
     console.print(f"{held} of {len(claims)} claims hold", highlight=False)
+    for outcome in outcomes:
+        if outcome.skipped:
+            console.print(f"{outcome.experiment.id} skipped: {outcome.skipped}", highlight=False, soft_wrap=True)
 
 
 def print_list(chosen: Sequence[Experiment], console: Console) -> None:

@@ -29,6 +29,9 @@ The rules that keep a claim honest:
 - A condition is met for any seed: a right implementation fails it with probability 1e-4 at most. Pool more runs or
   widen the band by its own Monte-Carlo error.
 - Every experiment writes a figure and a data file.
+- One that reads a recording names its folder: ``needs="gnss_static"``. Where it is not, in the folder that the
+  environment variable SOOPNAV_RECORDINGS names or in ``shared/captures`` beside the checkout, the experiment is skipped
+  and says so.
 """
 
 from __future__ import annotations
@@ -39,6 +42,7 @@ import hashlib
 import json
 import math
 import multiprocessing
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -91,6 +95,7 @@ __all__ = [
     "matching",
     "near",
     "perform",
+    "recording",
     "rising",
     "style",
     "write_claims",
@@ -271,6 +276,13 @@ class Lab:
             self.step(f"run {len(results)} of {len(calls)}", done=len(results), total=len(calls))
         return results
 
+    def recording(self) -> Path:
+        """The folder of the recording that the experiment needs."""
+        found = recording(self.experiment.needs)
+        if found is None:
+            raise FileNotFoundError(self.experiment.lacks)
+        return found
+
     def _file(self, part: str, suffix: str) -> Path:
         return self.out / f"{self.experiment.id}{'_' if part else ''}{part}{suffix}"
 
@@ -318,6 +330,8 @@ class Experiment:
     runs : int
         Monte-Carlo runs that its claims are conditioned on.
     body : callable
+    needs : str
+        Folder of a recording it reads; empty: none.
     """
 
     id: str
@@ -325,6 +339,25 @@ class Experiment:
     source: str
     runs: int
     body: Body
+    needs: str = ""
+
+    @property
+    def lacks(self) -> str:
+        """Why it cannot run here; empty when it can."""
+        if not self.needs or recording(self.needs) is not None:
+            return ""
+        return (
+            f"needs the recording {self.needs!r}: name the folder that holds it in SOOPNAV_RECORDINGS, or put it "
+            "into shared/captures beside the checkout"
+        )
+
+
+def recording(name: str) -> Path | None:
+    """The folder of a recording, in that of SOOPNAV_RECORDINGS or ``shared/captures`` beside the checkout; or None."""
+    given = os.environ.get("SOOPNAV_RECORDINGS")
+    base = Path(given) if given else Path(__file__).resolve().parents[3].parent / "shared" / "captures"
+    folder = base / name
+    return folder if folder.is_dir() else None
 
 
 def _in_reading_order(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -339,7 +372,7 @@ class Registry:
     def __init__(self) -> None:
         self._experiments: dict[str, Experiment] = {}
 
-    def experiment(self, id: str, *, title: str, source: str, runs: int = 1) -> Callable[[Body], Body]:
+    def experiment(self, id: str, *, title: str, source: str, runs: int = 1, needs: str = "") -> Callable[[Body], Body]:
         """Decorator that registers a function as an experiment.
 
         Parameters
@@ -349,6 +382,8 @@ class Registry:
         title, source : str
         runs : int
             At least 1.
+        needs : str
+            Folder of a recording it reads: skipped where that is not.
         """
         if not _ID.fullmatch(id):
             raise ValueError(f"id = {id!r}: paper-figure in lower case expected")
@@ -360,7 +395,7 @@ class Registry:
         def register(body: Body) -> Body:
             if id in self._experiments:
                 raise ValueError(f"{id}: already registered")
-            self._experiments[id] = Experiment(id, title, source, runs, body)
+            self._experiments[id] = Experiment(id, title, source, runs, body, needs)
             return body
 
         return register
@@ -398,11 +433,14 @@ class Outcome:
     claims : tuple of Claim
     error : Exception or None
         That ended it; the claims then end with one that does not hold.
+    skipped : str
+        Why it did not run; empty: it ran.
     """
 
     experiment: Experiment
     claims: tuple[Claim, ...]
     error: Exception | None = None
+    skipped: str = ""
 
     @property
     def holds(self) -> bool:
@@ -413,8 +451,11 @@ class Outcome:
 def perform(item: Experiment, *, seed: int, out: Path, workers: Workers | None = None, step: Step = _silent) -> Outcome:
     """Run one experiment into the folder `out`.
 
-    An exception does not pass: it becomes a claim that does not hold, so that the experiments after it still run.
+    An exception does not pass: it becomes a claim that does not hold, so that the experiments after it still run. One
+    that lacks its recording is skipped.
     """
+    if item.lacks:
+        return Outcome(item, (), skipped=item.lacks)
     lab = Lab(item, seed, out, workers or Workers(), step)
     claims: list[Claim] = []
     try:
