@@ -122,7 +122,11 @@ def _run(url: str, folder: Path, services: list[Service], writers: int, each: in
         await asyncio.gather(*tasks)
 
     asyncio.run(everything())
-    httpx.get(f"{services[-1].address}/v1/sources?token={tokens[0]}", headers={"Authorization": f"Bearer {tokens[0]}"})
+    httpx.get(
+        f"{services[-1].address}/v1/sources?token={tokens[0]}",
+        headers={"Authorization": f"Bearer {tokens[0]}"},
+        timeout=60.0,
+    )
     assert services[-1].end(signal.SIGTERM) == "ended\n"
     assert services[-1].process.returncode == 0
     log = services[-1].log.read_text()
