@@ -60,14 +60,16 @@ def seed(url: str, count: int) -> str:
         return store.create_token("load", "read").text
 
 
-def ours(url: str) -> Any:
-    """The service, its limits out of the way of a single client's load."""
-    from soopnav_cpp.sopdb.service import create_app
+def ours(url: str, port: int) -> None:
+    """The service as `soopnav sopdb serve` runs it, its limits out of the way of a single client's load."""
+    from soopnav_cpp.sopdb import server
     from soopnav_cpp.sopdb.settings import Rate, ServiceSettings
     from soopnav_cpp.sopdb.store import Store
 
     free = Rate(1e6, 1e6)
-    return create_app(Store(url), ServiceSettings(reads=free, addresses=free))
+    with Store(url) as store:
+        settings = ServiceSettings(reads=free, addresses=free)
+        server.serve(store, settings, at=server.listen(port=port), log_level="warning")
 
 
 def plain(url: str) -> Any:
@@ -109,10 +111,12 @@ def plain(url: str) -> Any:
 
 
 def serve(which: str, url: str, port: int) -> None:
+    if which == "ours":
+        ours(url, port)
+        return
     import uvicorn
 
-    app = {"ours": ours, "plain": plain}[which](url)
-    uvicorn.run(app, host="127.0.0.1", port=port, log_level="warning", access_log=False)
+    uvicorn.run(plain(url), host="127.0.0.1", port=port, log_level="warning", access_log=False)
 
 
 @contextmanager
