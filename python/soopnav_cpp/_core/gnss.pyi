@@ -14,9 +14,12 @@ __all__: list[str] = [
     "BaselineOptions",
     "BaselineStatus",
     "EphemerisTable",
+    "PhaseUse",
     "PointOptions",
     "PointStatus",
     "SatelliteUse",
+    "StaticPhaseOptions",
+    "StaticPhaseStatus",
     "arrival_angle",
     "arrival_angle_sigma",
     "attitude_fixes",
@@ -25,11 +28,13 @@ __all__: list[str] = [
     "heading_error",
     "heading_error_density",
     "lambda_ils",
+    "phase_wind_up",
     "receiver_differences",
     "resolve_cycles",
     "satellite_states",
     "sights",
     "single_points",
+    "static_phase",
     "success_rate",
     "walker_constellation",
 ]
@@ -154,6 +159,57 @@ class AttitudeModel:
         shared_reference: bool,
     ) -> None: ...
 
+class PhaseUse(enum.IntEnum):
+    """
+    What became of a satellite's phase.
+    """
+
+    LOW = ...
+    MISSING = ...
+    NO_CLOCK = ...
+    NO_EPHEMERIS = ...
+    PARTIAL = ...
+    REJECTED = ...
+    SHORT_ARC = ...
+    UNHEALTHY = ...
+    USED = ...
+    def __format__(self, format_spec): ...
+
+class StaticPhaseStatus(enum.IntEnum):
+    """
+    How a solution ended.
+    """
+
+    RANK_DEFICIENT = ...
+    SOLVED = ...
+    TOO_FEW_SATELLITES = ...
+    TOO_MANY_ARCS = ...
+    TOO_SHORT = ...
+    def __format__(self, format_spec): ...
+
+class StaticPhaseOptions:
+    """
+    What a standing antenna's solution assumes.
+    """
+    def __init__(
+        self,
+        *,
+        dual: bool,
+        elevation_mask_rad: typing.SupportsFloat | typing.SupportsIndex,
+        code_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        phase_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        phase_correlation_s: typing.SupportsFloat | typing.SupportsIndex,
+        range_error_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        range_error_rate_mps: typing.SupportsFloat | typing.SupportsIndex,
+        zenith_sigma_m: typing.SupportsFloat | typing.SupportsIndex,
+        relative_humidity: typing.SupportsFloat | typing.SupportsIndex,
+        max_gap_s: typing.SupportsFloat | typing.SupportsIndex,
+        slip_m: typing.SupportsFloat | typing.SupportsIndex,
+        min_arc_epochs: typing.SupportsInt | typing.SupportsIndex,
+        wind_up: bool,
+        max_age_s: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
 def arrival_angle(
     path_m: numpy.typing.ArrayLike, baseline_m: typing.SupportsFloat | typing.SupportsIndex
 ) -> numpy.typing.NDArray[numpy.float64]:
@@ -233,6 +289,17 @@ def lambda_ils(
     (integers (k, n), squared norms (k,)), the nearest first.
     """
 
+def phase_wind_up(
+    satellite_m: numpy.typing.ArrayLike,
+    receiver_m: numpy.typing.ArrayLike,
+    week: typing.SupportsFloat | typing.SupportsIndex,
+    time_of_week_s: typing.SupportsFloat | typing.SupportsIndex,
+    before: typing.SupportsFloat | typing.SupportsIndex,
+) -> float | None:
+    """
+    Cycles, or None.
+    """
+
 def receiver_differences(
     table: EphemerisTable,
     base_position_m: numpy.typing.ArrayLike,
@@ -295,6 +362,23 @@ def single_points(
 ) -> tuple:
     """
     The fixes of many epochs, column by column.
+    """
+
+def static_phase(
+    table: EphemerisTable,
+    klobuchar: numpy.typing.ArrayLike | None,
+    options: StaticPhaseOptions,
+    prn: numpy.typing.ArrayLike,
+    week: numpy.typing.ArrayLike,
+    time_of_week_s: numpy.typing.ArrayLike,
+    code1_m: numpy.typing.ArrayLike,
+    code2_m: numpy.typing.ArrayLike,
+    phase1_cycles: numpy.typing.ArrayLike,
+    phase2_cycles: numpy.typing.ArrayLike,
+    lost_lock: numpy.typing.ArrayLike,
+) -> dict:
+    """
+    The solution by name.
     """
 
 def success_rate(Q: numpy.typing.ArrayLike) -> float:

@@ -13,6 +13,7 @@ import typing
 
 __all__: list[str] = [
     "BearingUse",
+    "BurstStatus",
     "ClockMotion",
     "CooperativeGroup",
     "CooperativeTracker",
@@ -34,7 +35,9 @@ __all__: list[str] = [
     "PairStart",
     "PairStartStatus",
     "PairUse",
+    "PhaseStitcher",
     "PositionFix",
+    "SopCatalog",
     "SourceFix",
     "SourceLine",
     "SourceLocator",
@@ -54,6 +57,13 @@ __all__: list[str] = [
     "pair_geometry",
     "pair_noise_shares",
     "position_fix",
+    "sop_disagreement",
+    "sop_fuse_clocks",
+    "sop_fuse_constants",
+    "sop_intersect",
+    "sop_least_variances",
+    "sop_move_clock",
+    "sop_write_snapshot",
     "source_crlb",
     "start_node",
     "start_pair",
@@ -1399,6 +1409,75 @@ class _OpportunisticNavigator:
     @property
     def t_s(self) -> float: ...
 
+class BurstStatus(enum.IntEnum):
+    """
+    What became of a burst.
+    """
+
+    ACCEPTED = ...
+    GAP_TOO_LONG = ...
+    LOST = ...
+    NOT_FINITE = ...
+    NOT_LATER = ...
+    OUTLIER = ...
+    STARTED = ...
+    def __format__(self, format_spec): ...
+
+class PhaseStitcher:
+    """
+    One continuous phase of bursts with random fractions of a cycle.
+    """
+    def __init__(
+        self,
+        *,
+        fractions: typing.SupportsInt | typing.SupportsIndex,
+        wavelength_m: typing.SupportsFloat | typing.SupportsIndex,
+        white_frequency_m2ps: typing.SupportsFloat | typing.SupportsIndex,
+        frequency_walk_m2ps3: typing.SupportsFloat | typing.SupportsIndex,
+        frequency_sigma_hz: typing.SupportsFloat | typing.SupportsIndex,
+        rate_sigma_hzps: typing.SupportsFloat | typing.SupportsIndex,
+        rate_walk_hz2ps3: typing.SupportsFloat | typing.SupportsIndex,
+        decision_bursts: typing.SupportsInt | typing.SupportsIndex,
+        posterior: typing.SupportsFloat | typing.SupportsIndex,
+        hypotheses: typing.SupportsInt | typing.SupportsIndex,
+        gate_sigma: typing.SupportsFloat | typing.SupportsIndex,
+        outliers: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def finish(self, early: bool) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Rows decided.
+        """
+    def push(self, bursts: numpy.typing.ArrayLike) -> tuple:
+        """
+        (statuses, rows decided).
+        """
+    @property
+    def frequency_error_hz(self) -> float: ...
+    @property
+    def frequency_error_sigma_hz(self) -> float: ...
+    @property
+    def hypotheses(self) -> int: ...
+    @property
+    def posterior(self) -> float: ...
+    @property
+    def waiting(self) -> int: ...
+
+class SopCatalog:
+    """
+    Sources of a snapshot.
+    """
+    def __init__(self, bytes: bytes) -> None: ...
+    def __len__(self) -> int: ...
+    def __repr__(self) -> str: ...
+    def ids(self) -> list[str]: ...
+    def near(
+        self, p_e_m: numpy.typing.ArrayLike, radius_m: typing.SupportsFloat | typing.SupportsIndex
+    ) -> list[str]: ...
+    def prior(self, id: str, at_us: typing.SupportsInt | typing.SupportsIndex) -> dict: ...
+    def source(self, id: str) -> dict: ...
+    @property
+    def created_us(self) -> int: ...
+
 def doppler_fix(rows: numpy.typing.ArrayLike, **kwargs) -> dict:
     """
     Rows of t, satellite, Doppler, sigma, p (3), v (3), along-track sigma, age; see the face.
@@ -1501,6 +1580,79 @@ def position_fix(
 ) -> PositionFix:
     """
     Position and receiver clock from times of arrival.
+    """
+
+def sop_disagreement(
+    a: numpy.typing.ArrayLike,
+    A: numpy.typing.ArrayLike,
+    b: numpy.typing.ArrayLike,
+    B: numpy.typing.ArrayLike,
+    independent: bool = True,
+) -> tuple[float, float]:
+    """
+    Squared Mahalanobis distance of two estimates, and the probability of as much or more.
+    """
+
+def sop_fuse_clocks(
+    t_s: numpy.typing.ArrayLike,
+    value: numpy.typing.ArrayLike,
+    covariance: numpy.typing.ArrayLike,
+    independent: collections.abc.Sequence[bool],
+    *,
+    h0: typing.SupportsFloat | typing.SupportsIndex,
+    h_minus_2: typing.SupportsFloat | typing.SupportsIndex,
+    at_s: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Any:
+    """
+    Estimates of one clock, ordered by time, fused at `at_s`.
+    """
+
+def sop_fuse_constants(
+    t_s: numpy.typing.ArrayLike,
+    value: numpy.typing.ArrayLike,
+    covariance: numpy.typing.ArrayLike,
+    independent: collections.abc.Sequence[bool],
+    *,
+    variance_per_s: typing.SupportsFloat | typing.SupportsIndex,
+    at_s: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Any:
+    """
+    Estimates of two or three constants, ordered by time, fused.
+    """
+
+def sop_intersect(
+    a: numpy.typing.ArrayLike, A: numpy.typing.ArrayLike, b: numpy.typing.ArrayLike, B: numpy.typing.ArrayLike
+) -> tuple:
+    """
+    Covariance intersection: value, covariance, weight of a.
+    """
+
+def sop_least_variances(
+    h0: typing.SupportsFloat | typing.SupportsIndex,
+    h_minus_2: typing.SupportsFloat | typing.SupportsIndex,
+    duration_s: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[float, float]:
+    """
+    Least variance of the drift and of ln h-2 that a record of this length allows.
+    """
+
+def sop_move_clock(
+    value: numpy.typing.ArrayLike,
+    covariance: numpy.typing.ArrayLike,
+    *,
+    h0: typing.SupportsFloat | typing.SupportsIndex,
+    h_minus_2: typing.SupportsFloat | typing.SupportsIndex,
+    dt_s: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple:
+    """
+    Offset [s] and drift of a clock dt_s later, and their covariance.
+    """
+
+def sop_write_snapshot(
+    sources: collections.abc.Sequence[dict], created_us: typing.SupportsInt | typing.SupportsIndex
+) -> bytes:
+    """
+    The bytes of a snapshot.
     """
 
 def source_crlb(

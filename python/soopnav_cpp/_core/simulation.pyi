@@ -29,6 +29,8 @@ __all__: list[str] = [
     "LinkStatus",
     "Material",
     "OfdmLink",
+    "OpportunityLink",
+    "OpportunitySource",
     "PairLink",
     "PairReceiver",
     "PlanarTrajectory",
@@ -847,6 +849,76 @@ class GroundScene:
         wall: numpy.typing.ArrayLike | None,
         frame: typing.SupportsInt | typing.SupportsIndex,
     ) -> numpy.typing.NDArray[numpy.uint8]: ...
+
+class OpportunitySource:
+    """
+    A transmitter of a spread signal.
+    """
+    def __init__(
+        self,
+        *,
+        band: typing.SupportsInt | typing.SupportsIndex,
+        chips: numpy.typing.NDArray[numpy.complex64],
+        chip_rate_hz: typing.SupportsFloat | typing.SupportsIndex,
+        bits: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        symbol_s: typing.SupportsFloat | typing.SupportsIndex,
+        orbit: soopnav_cpp._core.geometry.SampledOrbit,
+        h0: typing.SupportsFloat | typing.SupportsIndex,
+        h_minus_2: typing.SupportsFloat | typing.SupportsIndex,
+        bias_s: typing.SupportsFloat | typing.SupportsIndex,
+        drift: typing.SupportsFloat | typing.SupportsIndex,
+        cn0_dbhz: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class OpportunityLink:
+    """
+    Samples of every band of a receiver with one oscillator.
+    """
+    def __init__(
+        self,
+        bands: numpy.typing.ArrayLike,
+        sources: collections.abc.Sequence[OpportunitySource],
+        *,
+        position_e_m: numpy.typing.ArrayLike,
+        velocity_e_mps: numpy.typing.ArrayLike,
+        start_s: typing.SupportsFloat | typing.SupportsIndex,
+        duration_s: typing.SupportsFloat | typing.SupportsIndex,
+        step_s: typing.SupportsFloat | typing.SupportsIndex,
+        h0: typing.SupportsFloat | typing.SupportsIndex,
+        h_minus_2: typing.SupportsFloat | typing.SupportsIndex,
+        bias_s: typing.SupportsFloat | typing.SupportsIndex,
+        drift: typing.SupportsFloat | typing.SupportsIndex,
+        clock_bias_s: numpy.typing.ArrayLike,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+        stream: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def delay_s(self, source: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        What a source's signal is behind at the nodes, clocks included.
+        """
+    def receiver_bias_s(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        The receiver's clock at the nodes.
+        """
+    def render(
+        self,
+        band: typing.SupportsInt | typing.SupportsIndex,
+        first: typing.SupportsInt | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        *,
+        noise: bool,
+    ) -> numpy.typing.NDArray[numpy.complex64]:
+        """
+        Samples of a band.
+        """
+    def samples(self, band: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        Samples of a band.
+        """
+    def source_bias_s(self, source: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        A source's clock at the nodes.
+        """
 
 def add_awgn(
     iq: numpy.typing.NDArray[numpy.complex64],
