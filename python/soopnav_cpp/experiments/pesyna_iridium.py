@@ -174,7 +174,7 @@ def iridium_phase(lab: Lab) -> Iterator[Claim]:
         right.plot(levels, flagged, "s--", color="0.45", ms=4, label="left float")
         right.plot(levels, share[0], "o-", color="tab:red", ms=4, label="wrong")
         right.plot(levels, share[1], "^-", color="tab:blue", ms=4, label="wrong, called fixed")
-        right.legend(fontsize=8, frameon=False)
+        right.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(0.0, 0.3))
         right.set_yscale("symlog", linthresh=0.1)
         right.set_ylim(-0.02, 130.0)
         right.set_yticks([0.0, 0.1, 1.0, 10.0, 100.0], ["0", "0.1", "1", "10", "100"])

@@ -40,11 +40,12 @@ def part(observed: gnss.Observations, rows: slice, names: tuple[str, ...] = ()) 
     )
 
 
-def stage_1(fix: StaticPhaseFix) -> tuple[Array, Array, Array, Array]:
+def stage_1(fix: StaticPhaseFix, *, correlation_s: float = 100.0) -> tuple[Array, Array, Array, Array]:
     """The receiver's clock, its sigma [s], the position [m] and its covariance by the whole navigator and its smoother.
 
     Each satellite's broadcast error is its clock's in the state (pesyna eq. 2): a metre, and hardly moving. Phases last:
-    their noise counts as the batch has it.
+    their noise counts as the batch has it, or, with `correlation_s` of 0, as white: right for the clock from one epoch
+    to the next, overconfident for the position.
     """
     used = np.flatnonzero((fix.use == PhaseUse.USED).any(axis=0))
     take = fix.use[:, used] == PhaseUse.USED
@@ -85,7 +86,7 @@ def stage_1(fix: StaticPhaseFix) -> tuple[Array, Array, Array, Array]:
             ambiguity_sigma_cycles=200.0,
         )
     elevation = np.where(take, fix.elevation_rad[rows][:, used], np.pi / 2.0)
-    lasting = np.sqrt(1.0 + 2.0 * 100.0 / np.median(np.diff(fix.t_s)))
+    lasting = np.sqrt(1.0 + 2.0 * correlation_s / np.median(np.diff(fix.t_s)))
 
     def of(values: Array) -> Array:
         return np.where(take, values[rows][:, used], np.nan)
@@ -148,7 +149,8 @@ def real_phase(lab: Lab) -> Iterator[Claim]:
     formal = _nees(whole.position_m, whole.formal_m2, reference)
     error_m = float(np.linalg.norm(whole.position_m - reference))
     lab.step("the navigator")
-    clock_s, clock_sigma_s, position, covariance = stage_1(whole)
+    _, _, position, covariance = stage_1(whole)
+    clock_s, clock_sigma_s, _, _ = stage_1(whole, correlation_s=0.0)
     navigator_error = float(np.linalg.norm(position - reference))
     dt = float(np.median(np.diff(whole.t_s)))
     deviation = allan_deviation(clock_s, dt, confidence=0.95)
@@ -167,7 +169,8 @@ def real_phase(lab: Lab) -> Iterator[Claim]:
         worst = whole.satellite_phase_rms_m()[[whole.satellites.index(n) for n in used]]
         sky.plot(np.rad2deg(at), 100.0 * worst, "o", ms=4, color="tab:blue")
         for x, y, n in zip(np.rad2deg(at), 100.0 * worst, used, strict=True):
-            sky.annotate(n, (x, y), textcoords="offset points", xytext=(4, 3), fontsize=7)
+            sky.annotate(n, (x, y), textcoords="offset points", xytext=(4, -9 if n in used[1::3] else 3),
+                         fontsize=7)
         sky.axhline(3.0, color="tab:red", lw=0.8, ls="--")
         sky.set_ylim(0.0, 3.4)
         style(sky, "By satellite", "mean elevation [deg]", "residual, rms [cm]")
@@ -224,9 +227,9 @@ def real_phase(lab: Lab) -> Iterator[Claim]:
         at_most(21.1),
     )
     yield Claim("NEES of the formal covariance, as if the broadcast were exact", formal, at_least(1.5 * 3.0))
-    near = int(np.argmin(np.abs(deviation.tau_s - 10.0)))
+    ratio = deviation.deviation / raw.deviation
     yield Claim(
-        "Allan deviation of the receiver's clock at 10 s, smoothed over each epoch's own",
-        float(deviation.deviation[near] / raw.deviation[int(np.argmin(np.abs(raw.tau_s - deviation.tau_s[near])))]),
-        band(0.8, 1.25),
+        "Allan deviation of the receiver's clock, 1 to 30 s, smoothed over each epoch's own",
+        ratio[deviation.tau_s <= 33.0],
+        band(0.8, 1.1),
     )
