@@ -124,6 +124,8 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrom
     options.binary_location = str(shutil.which("chromium"))
     profile = tmp_path_factory.mktemp("chromium")
     for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--no-first-run",
+        "--force-prefers-reduced-motion",  # colours change at once
+
                      f"--user-data-dir={profile}", "--disable-background-networking"):  # fmt: skip
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
@@ -268,8 +270,11 @@ def test_name_filter(page: Page) -> None:
 
 def test_area_of_the_map(page: Page) -> None:
     page.js("document.querySelector('#map svg').focus()")
-    page.press("+", "+")
-    time.sleep(0.1)
+    drawn = "return [...document.querySelectorAll('.marker')].map((m) => m.getAttribute('transform')).join()"
+    for _ in range(2):
+        before = page.js(drawn)
+        page.press("+")
+        page.wait(lambda: page.js(drawn) != before, "the map drawn nearer")  # noqa: B023
     seen = """const box = document.querySelector('#map').getBoundingClientRect();
         return [...document.querySelectorAll('.marker')].filter((m) => { const r = m.getBoundingClientRect();
             const x = (r.left + r.right) / 2, y = (r.top + r.bottom) / 2;
@@ -412,7 +417,6 @@ def test_contrast_labels_and_targets(page: Page, theme: str) -> None:
     page.click("#rows button")
     page.wait(lambda: page.all("svg.allan"), "the plot")
     page.click("#detail summary")
-    time.sleep(0.25)  # colours of buttons change over 0.12 s
     seen, poor = page.js(CONTRAST)
     assert seen > 200
     assert poor == []
