@@ -12,9 +12,9 @@ import numpy.typing as npt
 from soopnav_cpp._core import gps as _gps
 
 __all__ = [
+    "Acquirer",
     "Acquisition",
     "AcquisitionStatus",
-    "Acquirer",
     "AidedCorrelator",
     "acquire",
     "cell_loss",
