@@ -269,7 +269,7 @@ class OpportunityLink:
 
     def delay_at(self, source: int, t_s: npt.ArrayLike) -> _Array:
         """Δ of a source at receiver times since the first sample, as the samples have it."""
-        return np.interp(np.asarray(t_s, np.float64), self.node_s, self.delay_s(source))
+        return np.asarray(np.interp(np.asarray(t_s, np.float64), self.node_s, self.delay_s(source)), np.float64)
 
     def __repr__(self) -> str:
         length = max((self.samples(i) / band.sample_rate_hz for i, band in enumerate(self.bands)), default=math.nan)

@@ -7,8 +7,8 @@ import pytest
 
 import soopnav_cpp as sn
 from soopnav_cpp.clock import TwoState
+from soopnav_cpp.geometry import SampledOrbit
 from soopnav_cpp.gps import Acquirer, AcquisitionStatus, AidedCorrelator, SatelliteSignal, acquire, search_frequencies
-from soopnav_cpp.orbits import SampledOrbit
 from soopnav_cpp.simulation import LinkBand, LinkSource, OpportunityLink
 
 RATE_HZ = 2.048e6
@@ -182,3 +182,60 @@ def test_clock_of_ones_own_and_refusals():
         OpportunityLink(
             [band], [LinkSource.gps(1, 0, satellite(1.0), bits=[2])], position_e_m=HERE, duration_s=0.01, seed=1
         )
+
+
+@pytest.mark.law
+def test_trackers_of_two_bands_share_the_oscillator():
+    """A TCXO tracked through GPS with data and through a pilot: cycles of wander each, none in their difference."""
+    duration = 6.0
+    clock = TwoState.tcxo()
+    bits = [1, -1, -1, 1, 1, 1, -1]
+    orbit = satellite(duration)
+    mast = HERE + np.array([500.0, 4000.0, 0.0])
+    chips = sn.cdma.pilot_code(12)
+    link = OpportunityLink(
+        [LinkBand(L1_HZ, 1.3e6, 20e3), LinkBand(CELL_HZ, 1.3e6)],
+        [
+            LinkSource.gps(7, 0, orbit, cn0_dbhz=50.0, bits=bits),
+            LinkSource.pilot("mast", 1, chips, mast, cn0_dbhz=55.0),
+        ],
+        position_e_m=HERE,
+        duration_s=duration,
+        clock=clock,
+        clock_drift=2e-8,
+        seed=9,
+    )
+    phases, times = [], []
+    for band, signal in enumerate(
+        (sn.tracking.Signal.gps_l1(7), sn.tracking.Signal.cdma_pilot(12, carrier_hz=CELL_HZ))
+    ):
+        delay = link.delay_s(band)
+        slope = (delay[50] - delay[0]) / link.node_s[50]
+        epochs = sn.tracking.track(
+            link.render(band),
+            signal,
+            sample_rate_hz=1.3e6,
+            intermediate_hz=link.bands[band].intermediate_hz,
+            delay_s=delay[0],
+            doppler_hz=-signal.carrier_hz * slope,
+        )
+        settled = epochs.t_s > 2.0
+        assert epochs.phase_locked[settled].all()
+        assert epochs.code_locked[settled].all()
+        t = epochs.t_s[settled]
+        np.testing.assert_allclose(epochs.delay_s[settled], link.delay_at(band, t), atol=60e-9)
+        # Averages over an epoch of 0.1 s; the range is known, the clock is not.
+        range_s = np.interp(t, link.node_s, delay - link.receiver_bias_s)
+        phases.append(epochs.carrier_phase_cycles[settled] / signal.carrier_hz - range_s)
+        times.append(t)
+    count = min(len(t) for t in times)
+    phases, t = [phase[:count] for phase in phases], times[0][:count]
+    np.testing.assert_allclose(times[1][:count], t, atol=1e-6)
+    truth = np.interp(t, link.node_s, link.receiver_bias_s)
+    wander = L1_HZ * (truth - truth[0])
+    assert np.ptp(wander) > 20.0  # 2e-8 alone is 31 cycles a second
+    for phase in phases:
+        off = L1_HZ * (phase - truth)
+        assert np.std(off - off.mean()) < 0.03  # what the clock does within an epoch
+    difference = L1_HZ * (phases[0] - phases[1])
+    assert np.ptp(difference) < 0.02

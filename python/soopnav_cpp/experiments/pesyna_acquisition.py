@@ -43,7 +43,7 @@ class Setting(NamedTuple):
     @property
     def energy(self) -> float:
         """Of the signal over noise, T C/N0 over all coherent sums."""
-        return 10.0 ** (self.cn0_dbhz / 10.0) * 1e-3 * self.coherent_ms * self.noncoherent
+        return float(10.0 ** (self.cn0_dbhz / 10.0)) * 1e-3 * self.coherent_ms * self.noncoherent
 
     @property
     def kept(self) -> float:
@@ -177,8 +177,8 @@ def acquisition(lab: Lab) -> Iterator[Claim]:
         right.set_ylim(1e-4, 1.0)
     lab.save(energy=energy, statistics=cells, detected=detected, expected=expected, search_false_alarms=false)
     yield Claim(
-        f"detection of the signal's cell is Marcum's Q of its energy at false alarms of 0.1, 0.01 and 0.001, on a cell and between, in "
-        f"four searches of {count} trials: worst difference in standard deviations",
+        "detection of the signal's cell is Marcum's Q of its energy at false alarms of 0.1, 0.01 and 0.001, on and "
+        f"between cells, in four searches of {count} trials: worst difference in standard deviations",
         float(np.abs(off).max()),
         below(SIGMAS),
     )

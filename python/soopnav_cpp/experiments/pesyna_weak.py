@@ -12,8 +12,8 @@ from soopnav_cpp.clock import coherence, required_cn0_dbhz
 from soopnav_cpp.dsp import cell_false_alarm, detection_threshold, marcum_q
 from soopnav_cpp.experiments.pesyna_setup import DT_S, EPOCHS, L1_HZ, aided_clock_error, record, stage_3
 from soopnav_cpp.experiments.registry import Claim, Lab, at_least, at_most, band, experiment, near, style
+from soopnav_cpp.geometry import SampledOrbit
 from soopnav_cpp.gps import CHIP_RATE_HZ, AidedCorrelator, search_frequencies
-from soopnav_cpp.orbits import SampledOrbit
 from soopnav_cpp.simulation import LinkBand, LinkSource, OpportunityLink
 
 Array = npt.NDArray[np.float64]
@@ -251,12 +251,12 @@ def weak_signal(lab: Lab) -> Iterator[Claim]:
         required_cn0_dbhz(INTEGRATION_S, 0.8, 11.0),
         near(WEAK_DBHZ, within=0.05, unit="dB-Hz"),
     )
-    half = BAND_SIGMAS * float(spread[weak])
+    margin = BAND_SIGMAS * float(spread[weak])
     yield Claim(
         f"at -8 dB-Hz the true cell of an assisted search (105 cells, 1 % false alarm, data known, code on a cell) "
         f"passes as often as Marcum's Q says with each run's C² ({found.shape[0]} clocks × {NOISES} noises; 1e-4 band)",
         float(share[weak, 0]),
-        band(float(mean[weak]) - half, float(mean[weak]) + half),
+        band(float(mean[weak]) - margin, float(mean[weak]) + margin),
     )
     yield Claim("the search detects at -8 dB-Hz", float(share[weak, 1]), at_least(0.7))
     yield Claim(
