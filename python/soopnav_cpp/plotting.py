@@ -22,6 +22,7 @@ from soopnav_cpp._drawing import _COLOURS, _INK, ellipse_points
 from soopnav_cpp._drawing import _figure as _figure
 from soopnav_cpp._drawing import _save as _save
 from soopnav_cpp._drawing import _style as _style
+from soopnav_cpp._gps_phase_figures import static_phase
 from soopnav_cpp._run_figures import consistency, errors, innovations, rms, state_errors, trajectory
 from soopnav_cpp._sky_figures import passes
 from soopnav_cpp._source_figures import bearings_map, likelihood, particles, source_errors
@@ -56,6 +57,7 @@ __all__ = [
     "scan",
     "source_errors",
     "state_errors",
+    "static_phase",
     "trajectory",
 ]
 

@@ -12,6 +12,7 @@ import click
 from soopnav_cpp import __version__, io
 from soopnav_cpp.cli import calibrate as _calibrate
 from soopnav_cpp.cli import camera, finding
+from soopnav_cpp.cli import gnss as _gnss
 from soopnav_cpp.cli import passes as _passes
 from soopnav_cpp.cli import peer as _peer
 from soopnav_cpp.cli import sopdb as _sopdb
@@ -65,6 +66,7 @@ def cli() -> None:
       soopnav df drive.sigmf-meta --array roof.toml --poses drive.csv
       soopnav locate-emitter bearings.csv
       soopnav passes iridium.tle --at 60.2,25.0 --start 2014-08-27T06:00:00Z
+      soopnav gnss station.21O station.21P --plot station.png
       soopnav egomotion walk.mp4 --camera phone.toml --height 1.1
       soopnav peer --role anchor --source city.sigmf-meta --listen 0.0.0.0:7000 --orbits sky.tle --at 60.2,25.0,20
       soopnav caf roof.sigmf-meta car.sigmf-meta --plot caf.png
@@ -561,4 +563,5 @@ def bench(names: tuple[str, ...], as_json: bool, runs: int, only_list: bool) -> 
 
 
 cli.add_command(_calibrate.command)
+cli.add_command(_gnss.command)
 cli.add_command(_passes.passes)
