@@ -120,7 +120,7 @@ class StaticPhaseFix:
     @property
     def ok(self) -> bool:
         """Whether there is a position."""
-        return self.status == StaticPhaseStatus.SOLVED
+        return bool(self.status == StaticPhaseStatus.SOLVED)
 
     @property
     def sigma_m(self) -> float:
@@ -200,7 +200,8 @@ def static_phase(
     code_sigma_m, phase_sigma_m : float
         White noise of the combination used, from the zenith; over sin(elevation) lower down.
     phase_correlation_s : float
-        How long phase errors last (multipath, weather); without it curvatures of a centimetre move the position by metres.
+        How long phase errors last (multipath, weather); without it curvatures of a centimetre move the position by
+        metres.
     range_error_sigma_m, range_error_rate_mps : float, optional
         Of each satellite's error and its rate: 1 m and 1.5e-4 m/s with two frequencies; 3 m and 1e-3 m/s with one, for
         the ionosphere.

@@ -301,8 +301,8 @@ def read_navigation(path: str | Path) -> tuple[list[dict[str, float]], _Array | 
 def _not_superseded(messages: list[dict[str, float]], sent_s: list[float]) -> list[dict[str, float]]:
     """Without those that an upload replaced: same satellite, reference times seconds apart, sent earlier.
 
-    After an upload a satellite sends a reference time some seconds before the full hour; by reference time alone the old
-    message would be taken as often as the new one, and its clock may be metres off.
+    After an upload a satellite sends a reference time some seconds before the full hour; by reference time alone the
+    old message would be taken as often as the new one, and its clock may be metres off.
     """
     kept = []
     for a, one in enumerate(messages):

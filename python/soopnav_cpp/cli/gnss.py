@@ -32,7 +32,9 @@ _LIGHT_MPS = 299_792_458.0
 @click.option(
     "--mask", "mask_deg", type=Finite(0.0, 80.0), default=15.0, metavar="DEG", help="Least elevation.  [default: 15]"
 )
-@click.option("--every", "interval_s", type=Finite(min=0.0, min_open=True), metavar="S", help="Only epochs so far apart.")
+@click.option(
+    "--every", "interval_s", type=Finite(min=0.0, min_open=True), metavar="S", help="Only epochs so far apart."
+)
 @click.option("--l1", "single", is_flag=True, help="L1 alone, with the broadcast ionosphere.")
 @click.option("--json", "as_text", is_flag=True, help="Print JSON and nothing else.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw residuals, errors and the clock.")

@@ -80,7 +80,17 @@ def burst_pass(seed: int, cn0_dbhz: float, *, bursts: int = BURSTS, fractions: i
     measured = true + rng.uniform() - whole + eta / fractions + rng.normal(0.0, sigma, bursts)
     frequency = CARRIER_HZ * path.delay_rate + rng.normal(0.0, sigma_f, bursts)
     integer = (eta - fractions * whole).astype(np.int64)
-    return BurstPass(t, orbit, true, predicted, predicted_rate, measured, frequency, integer, LIGHT_MPS * clock)
+    return BurstPass(
+        np.asarray(t, np.float64),
+        orbit,
+        true,
+        predicted,
+        predicted_rate,
+        measured,
+        frequency,
+        integer,
+        LIGHT_MPS * clock,
+    )
 
 
 def stitched(found: BurstPass, cn0_dbhz: float, *, fractions: int = FRACTIONS) -> StitchedPhase:
@@ -196,7 +206,7 @@ def iridium_phase(lab: Lab) -> Iterator[Claim]:
     yield Claim("spread of the stitched phase about the true one, worst of 20 passes [cycles]", float(used[:, 0].max()),
                 at_most(0.012))  # fmt: skip
     yield Claim(
-        "phases that the navigator's model (6) takes as they are, neither slip nor outlier: stitched, worst of 20 passes",
+        "stitched phases that the navigator's model (6) takes as they are, no slip and no outlier, worst of 20 passes",
         float(used[:, 1].min()),
         at_least(0.95),
     )

@@ -29,7 +29,8 @@ def part(observed: gnss.Observations, rows: slice, names: tuple[str, ...] = ()) 
     """Some epochs, without some satellites."""
     keep = [i for i, name in enumerate(observed.satellites) if name not in names]
     arrays: dict[str, Any] = {
-        name: getattr(observed, name)[rows][:, keep] for name in ("code_m", "phase_cycles", "doppler_hz", "cn0_dbhz", "lli")
+        name: getattr(observed, name)[rows][:, keep]
+        for name in ("code_m", "phase_cycles", "doppler_hz", "cn0_dbhz", "lli")
     }
     return dataclasses.replace(
         observed,
@@ -43,8 +44,8 @@ def part(observed: gnss.Observations, rows: slice, names: tuple[str, ...] = ()) 
 def stage_1(fix: StaticPhaseFix, *, correlation_s: float = 100.0) -> tuple[Array, Array, Array, Array]:
     """The receiver's clock, its sigma [s], the position [m] and its covariance by the whole navigator and its smoother.
 
-    Each satellite's broadcast error is its clock's in the state (pesyna eq. 2): a metre, and hardly moving. Phases last:
-    their noise counts as the batch has it, or, with `correlation_s` of 0, as white: right for the clock from one epoch
+    Each satellite's broadcast error is its clock's in the state (pesyna eq. 2): a metre, and hardly moving. Phase errors
+    last: their noise counts as the batch has it, or, with `correlation_s` of 0, as white: right for the clock from one epoch
     to the next, overconfident for the position.
     """
     used = np.flatnonzero((fix.use == PhaseUse.USED).any(axis=0))
@@ -169,8 +170,7 @@ def real_phase(lab: Lab) -> Iterator[Claim]:
         worst = whole.satellite_phase_rms_m()[[whole.satellites.index(n) for n in used]]
         sky.plot(np.rad2deg(at), 100.0 * worst, "o", ms=4, color="tab:blue")
         for x, y, n in zip(np.rad2deg(at), 100.0 * worst, used, strict=True):
-            sky.annotate(n, (x, y), textcoords="offset points", xytext=(4, -9 if n in used[1::3] else 3),
-                         fontsize=7)
+            sky.annotate(n, (x, y), textcoords="offset points", xytext=(4, -9 if n in used[1::3] else 3), fontsize=7)
         sky.axhline(3.0, color="tab:red", lw=0.8, ls="--")
         sky.set_ylim(0.0, 3.4)
         style(sky, "By satellite", "mean elevation [deg]", "residual, rms [cm]")
