@@ -44,9 +44,9 @@ def part(observed: gnss.Observations, rows: slice, names: tuple[str, ...] = ()) 
 def stage_1(fix: StaticPhaseFix, *, correlation_s: float = 100.0) -> tuple[Array, Array, Array, Array]:
     """The receiver's clock, its sigma [s], the position [m] and its covariance by the whole navigator and its smoother.
 
-    Each satellite's broadcast error is its clock's in the state (pesyna eq. 2): a metre, and hardly moving. Phase errors
-    last: their noise counts as the batch has it, or, with `correlation_s` of 0, as white: right for the clock from one epoch
-    to the next, overconfident for the position.
+    Each satellite's broadcast error is its clock's in the state (pesyna eq. 2): a metre, and hardly moving. Errors of
+    phase last: their noise counts as the batch has it, or, with `correlation_s` of 0, as white: right for the clock
+    from one epoch to the next, overconfident for the position.
     """
     used = np.flatnonzero((fix.use == PhaseUse.USED).any(axis=0))
     take = fix.use[:, used] == PhaseUse.USED
