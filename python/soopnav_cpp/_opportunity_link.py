@@ -252,7 +252,7 @@ class OpportunityLink:
     @property
     def node_s(self) -> _Array:
         """Receiver times of the nodes since the first sample."""
-        return self.step_s * np.arange(len(self._core.receiver_bias_s()))
+        return self.step_s * np.arange(len(self._core.receiver_bias_s()), dtype=np.float64)
 
     @property
     def receiver_bias_s(self) -> _Array:
@@ -269,7 +269,8 @@ class OpportunityLink:
 
     def delay_at(self, source: int, t_s: npt.ArrayLike) -> _Array:
         """Δ of a source at receiver times since the first sample, as the samples have it."""
-        return np.asarray(np.interp(np.asarray(t_s, np.float64), self.node_s, self.delay_s(source)), np.float64)
+        found: _Array = np.interp(np.asarray(t_s, np.float64), self.node_s, self.delay_s(source)).astype(np.float64)
+        return found
 
     def __repr__(self) -> str:
         length = max((self.samples(i) / band.sample_rate_hz for i, band in enumerate(self.bands)), default=math.nan)

@@ -48,9 +48,9 @@ class AidedCorrelator {
   /// Code delay of column `code`, later than predicted [chips].
   [[nodiscard]] double delay_chips(std::size_t code) const noexcept;
 
-  /// Takes the next block; blocks follow each other without a gap. False, and nothing taken, for another number of samples than `block_samples()`, one that is not
-  /// finite, a prediction that is not finite or off its range, or when all blocks are there. No allocation; some 6 ns a
-  /// sample for five delays.
+  /// Takes the next block; blocks follow each other without a gap. False, and nothing taken, for another number of
+  /// samples than `block_samples()`, one that is not finite, a prediction that is not finite or off its range, or when
+  /// all blocks are there. No allocation; some 6 ns a sample for five delays.
   [[nodiscard]] bool push(IqSpan block, const Prediction& prediction) noexcept;
 
   /// Sums so far, block by block, `codes()` each. In noise of variance 1 a sample each has variance `block_samples()`.
