@@ -12,7 +12,7 @@ import pydantic
 from pydantic import Field
 
 from soopnav_cpp.config import Model
-from soopnav_cpp.scenarios.base import Latitude, Longitude, Scenario, SystemRun, Truth, Updates
+from soopnav_cpp.scenarios.base import Latitude, Longitude, Scenario, SystemRun
 from soopnav_cpp.scenarios.registry import register
 
 if TYPE_CHECKING:
@@ -132,7 +132,9 @@ class OpportunisticScenario(Scenario):
                 f"{self.stage_3_s:g}, {self.duration_s:g}"
             )
         if self.gps_returns_s is not None and self.gps_returns_s <= self.stage_3_s:
-            raise ValueError(f"gps_returns_s: {self.gps_returns_s:g}: later than stage_3_s = {self.stage_3_s:g} expected")
+            raise ValueError(
+                f"gps_returns_s: {self.gps_returns_s:g}: later than stage_3_s = {self.stage_3_s:g} expected"
+            )
         names = [b.name for b in self.basestations]
         if len(set(names)) != len(names):
             raise ValueError("basestations: each name once expected")
@@ -141,8 +143,8 @@ class OpportunisticScenario(Scenario):
                 raise ValueError(f"basestations: {b.name}: at least 10 m from the receiver expected")
             if b.joins_s is not None and b.leaves_s is not None and b.leaves_s <= b.joins_s:
                 raise ValueError(f"basestations: {b.name}: leaves_s after joins_s expected")
-        if self.duration_s / self.receiver.interval_s > 100_000:
-            raise ValueError(f"duration_s: {self.duration_s / self.receiver.interval_s:.0f} epochs; at most 100000")
+        if self.duration_s / self.receiver.interval_s > 20_000:
+            raise ValueError(f"duration_s: {self.duration_s / self.receiver.interval_s:.0f} epochs; at most 20000")
         return self
 
 

@@ -52,7 +52,7 @@ def clock(scenario: OpportunisticScenario, run: OpportunisticSystemRun) -> Figur
 
 
 def coherence(scenario: OpportunisticScenario, run: OpportunisticSystemRun) -> Figure:
-    """The phase a correlator at L1 is left with while there is no GPS, and its mean-squared coherence (pesyna fig. 11)."""
+    """Phase that a correlator at L1 is left with while there is no GPS, its mean-squared coherence (pesyna fig. 11)."""
     dt = scenario.receiver.interval_s
     cycles = stage_3_cycles(run)
     own = L1_HZ * run.clock_true_s[run.stage == 3]
@@ -90,7 +90,9 @@ def stability(scenario: OpportunisticScenario, run: OpportunisticSystemRun) -> F
         axes.plot(times, taken.allan_deviation(times), color=colour, lw=1.5, label=f"{name}, taken")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.legend(fontsize=8, frameon=False, ncols=2)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.3)
+    axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center")
     _style(axes, "Clocks", "averaging time [s]", "Allan deviation")
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -164,7 +165,7 @@ def _filtered(
     position, covariance = np.empty((until, 3)), np.empty((until, 3, 3))
     slips = 0
     unobservable: tuple[str, ...] = ()
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         rows = slice(first, last)
         for j, signal in enumerate(world.signals):
             if heard[first, j] and j not in present:
@@ -227,8 +228,7 @@ def _characterised(scenario: OpportunisticScenario, world: _World, start_e_m: _A
     # The mean over the satellites of phase less range, in seconds: the receiver's clock and a constant.
     by_sky = np.mean(
         [
-            s.phase_cycles[:until] / s.carrier_hz
-            - np.linalg.norm(s.positions_e_m[:until] - place, axis=1) / _LIGHT_MPS
+            s.phase_cycles[:until] / s.carrier_hz - np.linalg.norm(s.positions_e_m[:until] - place, axis=1) / _LIGHT_MPS
             for s in sky
         ],
         axis=0,
@@ -273,7 +273,9 @@ def run(scenario: OpportunisticScenario, seed: int) -> OpportunisticSystemRun:
     notes = []
     got = sum(s.kind == "gps" for s in world.signals)
     if got < scenario.gps.count:
-        notes.append(f"{got} of {scenario.gps.count} satellites stand above {scenario.gps.mask_deg:g} degrees throughout")
+        notes.append(
+            f"{got} of {scenario.gps.count} satellites stand above {scenario.gps.mask_deg:g} degrees throughout"
+        )
     silent = ~np.any([s.heard for s in world.signals], axis=0) if world.signals else np.ones(len(t), np.bool_)
     if silent.any():
         notes.append(f"nothing is heard for {scenario.receiver.interval_s * silent.sum():.1f} s: the navigator coasts")
