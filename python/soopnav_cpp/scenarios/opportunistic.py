@@ -122,7 +122,7 @@ class OpportunisticScenario(Scenario):
     characterization: Literal["true", "likelihood", "wrong"] = "likelihood"
     receiver: ReceiverSettings = ReceiverSettings()
     gps: SatelliteSettings = SatelliteSettings()
-    basestations: Annotated[list[Basestation], Field(max_length=16)] = []
+    basestations: Annotated[list[Basestation], Field(max_length=16)] = Field(default_factory=list)
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> OpportunisticScenario:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soopnav_cpp._drawing import _COLOURS, _INK, _figure, _style
 from soopnav_cpp.clock import mean_squared_coherence
-from soopnav_cpp.plotting import _COLOURS, _INK, _figure, _style
 from soopnav_cpp.scenarios.opportunistic_pipeline import L1_HZ, clock_deviation, stage_3_cycles
 
 if TYPE_CHECKING:

@@ -128,7 +128,7 @@ def _made(scenario: OpportunisticScenario, seed: int) -> _World:
                 noise=noise,
             )
         )
-    return _World(t, place, axes, clock, own.bias_s, own.drift, tuple(signals))
+    return _World(np.asarray(t, np.float64), place, axes, clock, own.bias_s, own.drift, tuple(signals))
 
 
 @dataclass(frozen=True)
