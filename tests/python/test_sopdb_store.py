@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import sqlite3
 import sys
 import threading
+import types
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -22,8 +24,8 @@ from sopdb_bodies import characterization, clock, noise, position
 from sqlalchemy.orm import Session
 
 from soopnav_cpp import geometry
-from soopnav_cpp.sopdb import database, matching, schema, spatial
-from soopnav_cpp.sopdb.contributing import ConflictError, Contributor
+from soopnav_cpp.sopdb import database, matching, records, schema, spatial
+from soopnav_cpp.sopdb.contributing import ConflictError, Contributor, Entries
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import SourceState
 from soopnav_cpp.sopdb.records import Characterization
@@ -441,7 +443,7 @@ def test_a_failed_write_takes_no_other_with_it(lite: Store) -> None:
         raise KeyError("mine")
 
     def broken(session: Session) -> str:
-        session.execute(sqlalchemy.text("INSERT INTO nowhere VALUES (1)"))
+        session.execute(sqlalchemy.text("INSERT INTO meta VALUES ('version', 1)"))  # it has one
         return "never"
 
     first = writer.submit(wait)
@@ -457,6 +459,97 @@ def test_a_failed_write_takes_no_other_with_it(lite: Store) -> None:
     assert [line["actor"] for line in lite.audit()] == ["a", "a"]
     with pytest.raises(BusyError, match="closed"):
         writer.submit(note)
+
+
+@pytest.mark.unit
+def test_a_write_taken_back_leaves_no_numbers(lite: Store) -> None:
+    """The row's id is given again, to the contribution of somebody else about something else."""
+
+    def full(connection: sqlalchemy.Connection) -> None:
+        raise sqlalchemy.exc.OperationalError("COMMIT", {}, sqlite3.OperationalError("database or disk is full"))
+
+    sqlalchemy.event.listen(lite.engine, "commit", full)
+    with pytest.raises(DatabaseUnavailableError):
+        give(lite, characterization("lost", position=position(-30.0, 150.0)), ANN)
+    sqlalchemy.event.remove(lite.engine, "commit", full)
+    kept = characterization("kept", position=position(60.0, 24.0))
+    assert give(lite, kept, BOB)["id"] == "1"
+    assert np.allclose(place_of(lite, "1"), kept["position"]["p_e_m"], atol=1e-6)
+
+
+@pytest.mark.unit
+def test_parsed_contributions_are_of_their_row() -> None:
+    entries = Entries()
+    of = functools.partial(types.SimpleNamespace, id=1, token_id="ann", received_us=5)
+    one, other = (json.dumps(characterization(name)) for name in ("one", "other"))
+    first = entries.of(of(body=one, body_hash=b"1"))
+    assert entries.of(of(body=one, body_hash=b"1")) is first
+    assert entries.of(of(body=other, body_hash=b"2")).body.source.name == "other"
+    assert entries.of(of(body=other, body_hash=b"2", token_id="bob")).contributor == "bob"
+
+
+@pytest.mark.unit
+def test_a_job_taken_back_is_told(lite: Store) -> None:
+    told: list[str] = []
+    writer = Writer(lite.engine, undone=lambda: told.append("undone"))
+
+    def own_fault(session: Session) -> None:
+        raise KeyError("mine")
+
+    writer.submit(lambda session: None).result(30.0)
+    assert told == []
+    with pytest.raises(KeyError):
+        writer.submit(own_fault).result(30.0)
+    writer.close()
+    assert told == ["undone"]
+
+
+@pytest.mark.unit
+def test_a_locked_database_is_waited_for_once_a_batch(lite: Store) -> None:
+    gate, tries = threading.Event(), []
+    writer = Writer(lite.engine)
+    first = writer.submit(lambda session: gate.wait(30.0))
+    while not first.running():
+        threading.Event().wait(0.001)
+
+    def begin(connection: sqlalchemy.Connection) -> None:
+        tries.append(1)
+        raise sqlalchemy.exc.OperationalError("BEGIN", {}, sqlite3.OperationalError("database is locked"))
+
+    rest = [writer.submit(lambda session: "never") for _ in range(5)]
+    sqlalchemy.event.listen(lite.engine, "begin", begin)
+    gate.set()
+    assert first.result(30.0)
+    for one in rest:
+        with pytest.raises(DatabaseUnavailableError, match="did not take"):
+            one.result(30.0)
+    sqlalchemy.event.remove(lite.engine, "begin", begin)
+    writer.close()
+    assert len(tries) == 1
+
+
+@pytest.mark.unit
+def test_reads_that_fail_say_that_the_database_does_not_answer(lite: Store) -> None:
+    give(lite, characterization())
+    assert lite._watch is not None
+    lite._watch.close()
+    with pytest.raises(DatabaseUnavailableError, match="does not answer"):
+        lite.changed()
+    with lite.engine.execution_options(writes=True).begin() as connection:
+        connection.execute(sqlalchemy.text("DROP TABLE verdicts"))
+    with pytest.raises(DatabaseUnavailableError, match="does not answer"):
+        lite.accepted(1)
+
+
+@pytest.mark.unit
+def test_a_clock_that_went_back_makes_nothing_unreadable(lite: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    give(lite, characterization(clock=clock(-20.0)))
+    monkeypatch.setattr(records, "MAX_SKEW_S", -3600.0)  # as if this computer's clock were an hour behind
+    with pytest.raises(ValueError, match="in the future expected"):
+        Characterization.model_validate(characterization())
+    lite._entries.clear()
+    assert len(lite.accepted(1)) == 1
+    assert give(lite, characterization(clock=clock(7200.0)), BOB)["source_id"] == "1"
 
 
 @pytest.mark.unit

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from soopnav_cpp.sopdb import spatial
 from soopnav_cpp.sopdb.fusion import MOST_FUSED, Entry, fuse, judge
 from soopnav_cpp.sopdb.matching import BY_PLACE, CARRIER_TOLERANCE, NEAR_M, Known, match, name_key
-from soopnav_cpp.sopdb.records import Characterization
+from soopnav_cpp.sopdb.records import STORED, Characterization
 from soopnav_cpp.sopdb.schema import (
     Alias,
     Audit,
@@ -40,7 +40,7 @@ __all__ = ["ConflictError", "Contributor", "Entries", "Outcome", "bump", "decide
 # Statements of every contribution, built once: building costs more than running them.
 _BUMP = text("UPDATE meta SET value = value + 1 WHERE name = 'version' RETURNING value")
 _ENTRIES = (
-    select(Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body)
+    select(Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body, Contribution.body_hash)
     .join(Verdict, Verdict.contribution_id == Contribution.id)
     .where(Contribution.source_id == bindparam("source_id"), Verdict.status == bindparam("status"))
     .order_by(Contribution.time_us.desc(), Contribution.id.desc())
@@ -95,20 +95,24 @@ class Entries:
 
     def __init__(self, most: int = 8192) -> None:
         self._most = most
-        self._known: OrderedDict[int, Entry] = OrderedDict()
+        self._known: OrderedDict[int, tuple[tuple[Any, ...], Entry]] = OrderedDict()
+
+    def clear(self) -> None:
+        """Forget all: of a transaction taken back, the ids are given to others."""
+        self._known.clear()
 
     def of(self, row: Any) -> Entry:
-        """The entry of a row with ``id``, ``token_id``, ``received_us`` and ``body``."""
-        entry = self._known.get(row.id)
-        if entry is None:
-            body = Characterization.model_validate_json(row.body)
-            entry = Entry(str(row.id), row.token_id or "", from_us(row.received_us), body)
-            self._known[row.id] = entry
+        """The entry of a row with ``id``, ``token_id``, ``received_us``, ``body`` and ``body_hash``."""
+        identity = (row.token_id, row.received_us, bytes(row.body_hash))
+        found = self._known.get(row.id)
+        if found is None or found[0] != identity:
+            body = Characterization.model_validate_json(row.body, context=STORED)
+            found = identity, Entry(str(row.id), row.token_id or "", from_us(row.received_us), body)
+            self._known[row.id] = found
             if len(self._known) > self._most:
                 self._known.popitem(last=False)
-        else:
-            self._known.move_to_end(row.id)
-        return entry
+        self._known.move_to_end(row.id)
+        return found[1]
 
 
 def entries_of(session: Session, source_id: int, status: str, known: Entries, *, by_rule: bool = False) -> list[Entry]:

@@ -23,6 +23,7 @@ __all__ = [
     "KINDS",
     "MAX_SKEW_S",
     "METHODS",
+    "STORED",
     "SYMMETRY",
     "AnsweredSource",
     "Characterization",
@@ -43,6 +44,8 @@ METHODS: tuple[str, ...] = get_args(Method)
 SYMMETRY = 1e-9
 #: How far an epoch may lie ahead of this computer's clock.
 MAX_SKEW_S = 30.0
+#: Validation context of what was taken in before: this computer's clock may have gone back since.
+STORED: dict[str, Any] = {"stored": True}
 _EARLIEST = datetime(1980, 1, 6, tzinfo=timezone.utc)  # GPS time's own beginning
 _LEAST_RADIUS_M = 6.2e6  # below the deepest of the sea floor by a hundred kilometres
 _MOST_RADIUS_M = 5e7  # past geostationary satellites
@@ -95,9 +98,11 @@ def _number(value: object) -> object:
     return value
 
 
-def _past(value: datetime) -> datetime:
+def _past(value: datetime, info: pydantic.ValidationInfo) -> datetime:
     if value < _EARLIEST:
         raise ValueError("a time after 1980-01-06 expected")
+    if info.context is STORED:
+        return value
     if value > datetime.now(timezone.utc) + timedelta(seconds=MAX_SKEW_S):
         raise ValueError(f"a time not more than {MAX_SKEW_S:g} s in the future expected")
     return value

@@ -127,7 +127,7 @@ class Store:
         self._entries = Entries()  # of the writer's thread
         self._read_entries = Entries()
         self._reading = threading.Lock()
-        self._writer = Writer(self.engine)
+        self._writer = Writer(self.engine, undone=self._entries.clear)
         self._watch: sqlite3.Connection | None = None
         if self.sqlite:
             self._watch = sqlite3.connect(str(self.engine.url.database), isolation_level=None, check_same_thread=False)
@@ -264,7 +264,10 @@ class Store:
     def changed(self) -> int:
         """A number that is another one after every write, of whatever process."""
         if self._watch is not None:
-            return int(self._watch.execute("PRAGMA data_version").fetchone()[0])
+            try:
+                return int(self._watch.execute("PRAGMA data_version").fetchone()[0])
+            except sqlite3.Error as error:
+                raise DatabaseUnavailableError("the database does not answer") from error
         return self.version()
 
     def version(self) -> int:
@@ -319,8 +322,11 @@ class Store:
 
     def accepted(self, source_id: int) -> list[Entry]:
         """The accepted contributions of a source that count, the newest 64."""
-        with self._reading, self.engine.connect() as connection, Session(connection) as session:
-            return contributing.entries_of(session, source_id, "accepted", self._read_entries)
+        try:
+            with self._reading, self.engine.connect() as connection, Session(connection) as session:
+                return contributing.entries_of(session, source_id, "accepted", self._read_entries)
+        except SQLAlchemyError as error:
+            raise DatabaseUnavailableError("the database does not answer") from error
 
     def source_exists(self, source_id: int) -> bool:
         """Whether a source has any contribution at all."""

@@ -13,6 +13,7 @@ from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from sqlalchemy import Engine
+from sqlalchemy import exc as _errors
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -22,6 +23,8 @@ __all__ = ["BusyError", "Writer"]
 
 _T = TypeVar("_T")
 _Job = tuple[Callable[[Session], Any], "Future[Any]"]
+#: The database itself is locked, full or gone: each job alone would wait as long, and fail as well.
+_OF_ALL = (_errors.OperationalError, _errors.InterfaceError, _errors.TimeoutError)
 
 
 class BusyError(RuntimeError):
@@ -38,11 +41,16 @@ class Writer:
         Jobs that may wait; one more is refused.
     together : int
         Jobs of one transaction, so that its end is not far.
+    undone : callable, optional
+        Called in the writer's thread whenever something that a job did was taken back: row ids are given again.
     """
 
-    def __init__(self, engine: Engine, *, waiting: int = 2000, together: int = 32) -> None:
+    def __init__(
+        self, engine: Engine, *, waiting: int = 2000, together: int = 32, undone: Callable[[], Any] | None = None
+    ) -> None:
         self._engine = engine.execution_options(writes=True)
         self._together = together
+        self._undone = undone or (lambda: None)
         self._queue: queue.Queue[_Job | None] = queue.Queue(waiting)
         self._closing = threading.Lock()
         self._closed = False
@@ -111,15 +119,19 @@ class Writer:
                     except SQLAlchemyError:
                         raise
                     except Exception as error:  # its own, told to who asked
+                        self._undone()
                         outcomes.append((None, error))
         except Exception as error:
-            if len(batch) > 1:  # so that one that the database refuses takes nobody with it
+            self._undone()
+            # One that the database refuses takes nobody with it.
+            if len(batch) > 1 and not isinstance(error, _OF_ALL):
                 for one in batch:
                     self._write([one])
                 return
             refusal = DatabaseUnavailableError("the database did not take the write")
             refusal.__cause__ = error
-            batch[0][1].set_exception(refusal)
+            for _, future in batch:
+                future.set_exception(refusal)
             return
         self.commits += 1
         for (_, future), (result, failure) in zip(batch, outcomes, strict=True):
