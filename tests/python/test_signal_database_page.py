@@ -200,24 +200,24 @@ def test_moving_to_postgresql(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     _, (copy, _), (serve, _) = commands("Moving to PostgreSQL")
     _, *dumps = commands("Backup and restore")
     token = run("soopnav sopdb token create roof --role contribute").strip().splitlines()[-1]
-    with postgresql.running() as server:
-        url = server.new_database()
-        assert URL in copy
-        assert URL in serve
-        assert "tokens         1" in run(copy.replace(URL, url))
-        with serving(serve.replace(URL, url), folder) as where:
-            answer = httpx.post(
-                f"{where}/v1/characterizations", json=body("T"), headers={"Authorization": f"Bearer {token}"}
-            )
-            assert answer.json()["status"] == "accepted"
-        if shutil.which("pg_dump") is None or shutil.which("pg_restore") is None:
-            pytest.skip("pg_dump and pg_restore are not installed")
-        monkeypatch.setenv("POSTGRESQL", url)
-        monkeypatch.setenv("OTHER", server.new_database())
-        for command, _ in dumps:
-            subprocess.run(shlex.split(os.path.expandvars(command)), check=True)
-        with Store(os.environ["OTHER"]) as store:
-            assert store.counts() == {"sources": 1, "contributions": 1}
+    server = postgresql.shared()
+    url = server.new_database()
+    assert URL in copy
+    assert URL in serve
+    assert "tokens         1" in run(copy.replace(URL, url))
+    with serving(serve.replace(URL, url), folder) as where:
+        answer = httpx.post(
+            f"{where}/v1/characterizations", json=body("T"), headers={"Authorization": f"Bearer {token}"}
+        )
+        assert answer.json()["status"] == "accepted"
+    if shutil.which("pg_dump") is None or shutil.which("pg_restore") is None:
+        pytest.skip("pg_dump and pg_restore are not installed")
+    monkeypatch.setenv("POSTGRESQL", url)
+    monkeypatch.setenv("OTHER", server.new_database())
+    for command, _ in dumps:
+        subprocess.run(shlex.split(os.path.expandvars(command)), check=True)
+    with Store(os.environ["OTHER"]) as store:
+        assert store.counts() == {"sources": 1, "contributions": 1}
 
 
 def test_the_interface_is_that_of_the_service(tmp_path: Path) -> None:

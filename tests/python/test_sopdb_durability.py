@@ -174,5 +174,4 @@ def test_killed_amid_two_hundred_contributors(tmp_path: Path, services: list[Ser
 @pytest.mark.slow
 @pytest.mark.unit
 def test_killed_amid_contributors_on_postgresql(tmp_path: Path, services: list[Service]) -> None:
-    with postgresql.running() as server:
-        _run(server.new_database(), tmp_path, services, writers=40, each=5, kills=2)
+    _run(postgresql.shared().new_database(), tmp_path, services, writers=40, each=5, kills=2)

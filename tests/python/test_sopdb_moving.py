@@ -47,10 +47,9 @@ def _closed() -> Iterator[None]:
     HTTP.close()
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[postgresql.Server]:
-    with postgresql.running() as found:
-        yield found
+@pytest.fixture
+def server() -> postgresql.Server:
+    return postgresql.shared()
 
 
 def ask(running: Running, path: str, role: str = "admin", **parameters: Any) -> Any:
@@ -243,6 +242,7 @@ def test_a_backup_while_it_is_written_to_is_whole(tmp_path: Path) -> None:
         assert send(running, body("After", carrier_hz=5e8)).status_code == 201
 
 
+@pytest.mark.slow  # the default run restores by the commands of the page
 def test_pg_dump_restores(server: postgresql.Server, tmp_path: Path) -> None:
     """The way to back up PostgreSQL that the page gives."""
     if shutil.which("pg_dump") is None or shutil.which("pg_restore") is None:

@@ -54,8 +54,7 @@ def api(tmp_path: Path) -> Iterator[Api]:
 
 @pytest.fixture
 def postgresql_api() -> Iterator[Api]:
-    with postgresql.running() as server:
-        yield from _filled(server.new_database())
+    yield from _filled(postgresql.shared().new_database())
 
 
 def _run(api: Api, examples: int) -> Counter[int]:

@@ -36,10 +36,9 @@ from soopnav_cpp.sopdb.writer import BusyError, Writer
 ANN, BOB, CID = (Contributor(name) for name in ("ann", "bob", "cid"))
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[postgresql.Server]:
-    with postgresql.running() as found:
-        yield found
+@pytest.fixture
+def server() -> postgresql.Server:
+    return postgresql.shared()
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import pwd
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["Server", "running"]
+__all__ = ["Server", "running", "shared"]
 
 
 class Server:
@@ -88,6 +89,18 @@ def running() -> Iterator[Server]:
                 server.wait()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+_SHARED: list[Server] = []
+
+
+def shared() -> Server:
+    """The one server of this run of tests, started when it is first asked for and stopped at the end of the process."""
+    if not _SHARED:
+        stack = contextlib.ExitStack()
+        _SHARED.append(stack.enter_context(running()))
+        atexit.register(stack.close)
+    return _SHARED[0]
 
 
 def _wait(binaries: Path, folder: Path, server: subprocess.Popen[bytes]) -> None:

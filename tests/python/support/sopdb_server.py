@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -76,8 +75,9 @@ def serving(app: Any) -> Iterator[str]:
     """An ASGI application at a free port of this machine, in a thread; its URL."""
     import uvicorn
 
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
+    from soopnav_cpp.sopdb.server import listen
+
+    with listen(port=0) as listener:
         listener.listen(256)
         config = uvicorn.Config(app, log_level="warning", lifespan="on", access_log=False, timeout_graceful_shutdown=2)
         server = uvicorn.Server(config)
