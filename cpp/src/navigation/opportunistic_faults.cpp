@@ -187,4 +187,25 @@ void OpportunisticNavigator::Impl::judge(double dt_s, OpportunisticReport& repor
   }
 }
 
+// A receiver's counter starts anywhere: a first phase beyond the prior of its ambiguity says that the prior was wrong,
+// not that all else was. The whole of it goes to the ambiguity, and the others stay where they are.
+void OpportunisticNavigator::Impl::judge_fresh(OpportunisticReport& report) noexcept {
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    detail::Row& row = rows[i];
+    detail::Slot& slot = slots[static_cast<std::size_t>(row.slot)];
+    if (row.kind != ObservableKind::kPhase || !slot.fresh || !layout.holds(slot.ambiguity)) continue;
+    filter.innovation_covariance({&touched[i], 1}, {&variance[i], 1}, S.data(), S_stride);
+    const double s = S.data()[0];
+    reports[row.report].sigma = std::sqrt(s);
+    const double size = innovation[i];
+    if (!(size * size > threshold * s)) continue;
+    const int place = layout.offset(slot.ambiguity);
+    reports[row.report].use = ObservableUse::kSlip;
+    ++report.slips;
+    ++slot.slips;
+    open(place, kOpening * kOpening * s, size);
+    for (std::size_t j = 0; j < rows.size(); ++j) innovation[j] -= touched[j].at(place) * size;
+  }
+}
+
 }  // namespace soopnav::navigation

@@ -181,6 +181,8 @@ struct OpportunisticNavigator::Impl {
   void use_all(double at_s, std::span<const OpportunisticObservation> observed) noexcept;
   // Finds and remedies faults; returns what was done in `report`.
   void judge(double dt_s, OpportunisticReport& report) noexcept;
+  // The first phases of open ambiguities, each by itself.
+  void judge_fresh(OpportunisticReport& report) noexcept;
   bool test(OpportunisticReport& report, bool final_pass) noexcept;
   double bend(const detail::Slot& slot, const detail::TouchedRow& row) const noexcept;
   void loosen() noexcept;

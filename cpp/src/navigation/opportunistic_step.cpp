@@ -15,6 +15,9 @@ constexpr double kLight = kSpeedOfLightMps;
 constexpr int kIterations = 6;
 constexpr double kNonlinear = 0.05;
 constexpr double kNearM = 1e-6;  // coincident points
+// Further from its prediction an observable has no digits left, and the filter's squares would overflow before long.
+constexpr double kFarthest = 1e15;    // [cycles or m]
+constexpr double kLongestStep = 1e9;  // [s]
 
 // The way from a source at rest, estimated or given: rho = |R(w rho / c) q - p|, with its exact derivatives.
 struct Way {
@@ -62,7 +65,12 @@ void OpportunisticNavigator::Impl::ask(int place, double noise) noexcept {
       return;
     }
   }
-  if (pending.size() == pending.capacity()) pending.erase(pending.begin());  // of sources that have left
+  if (pending.size() ==
+      pending.capacity()) {  // there is room for what is present: the rest is of sources that have left
+    std::erase_if(pending, [this](const detail::PlaceNoise& p) {
+      return std::none_of(members.begin(), members.end(), [&p](const detail::Member& m) { return m.uid == p.place; });
+    });
+  }
   pending.push_back({uid, noise, 0.0});
 }
 
@@ -227,7 +235,7 @@ bool OpportunisticNavigator::Impl::build(const OpportunisticObservation& o, doub
     return false;
   }
   const double nu = o.value - predicted;
-  if (!std::isfinite(nu) || !std::isfinite(o.sigma * o.sigma)) {
+  if (!(std::abs(nu) <= kFarthest) || !std::isnormal(o.sigma * o.sigma)) {
     report.use = ObservableUse::kNonFinite;
     return false;
   }
@@ -354,7 +362,7 @@ OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
   const double dt_s = first ? 0.0 : at_s - t_s;
   reported = std::min(observed.size(), max_rows());
   for (std::size_t i = 0; i < reported; ++i) reports[i] = {};
-  if (!std::isfinite(at_s)) {
+  if (!std::isfinite(at_s) || dt_s > kLongestStep) {
     out.status = UpdateStatus::kNonFinite;
   } else if (!first && !(dt_s > 0.0)) {
     out.status = UpdateStatus::kTimeNotAdvancing;
@@ -399,6 +407,7 @@ OpportunisticReport OpportunisticNavigator::Impl::step(double at_s,
     }
   }
   judge(dt_s, out);
+  judge_fresh(out);
   receiver_jumped = out.receiver_jump;
   if (out.receiver_jump) past_epochs = 0;
   if (recording) recorder.predicted(filter, pairs, noises);

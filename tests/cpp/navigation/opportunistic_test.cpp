@@ -340,6 +340,83 @@ TEST(OpportunisticLaws, TheOrderOfObservablesDoesNotMatter) {
   }
 }
 
+// A receiver that has settled on three satellites and a mast.
+OpportunisticNavigator a_settled(OpportunisticForm form, RandomStream& random) {
+  OpportunisticNavigator n(a_start(), options_of(form, OpportunisticMotion::kVelocity));
+  for (int k = 0; k < 3; ++k) n.add_source(a_satellite(k));
+  n.add_source(a_mast(1));
+  for (int k = 0; k < 30; ++k) EXPECT_EQ(n.step(0.1 * k, observe(n, 0.1 * k, random)).accepted, 8);
+  return n;
+}
+
+// How far the first `count` components of two means are apart, in standard deviations of the second.
+double in_sigmas(const OpportunisticNavigator& a, const OpportunisticNavigator& b, int count) {
+  const Eigen::ArrayXd sigma = b.covariance().diagonal().array().sqrt();
+  return ((a.mean() - b.mean()).array().abs() / sigma).head(count).maxCoeff();
+}
+
+TEST(OpportunisticFaults, AFirstPhaseBeyondItsPriorMovesOnlyItsAmbiguity) {
+  struct Case {
+    double sigma, offset;
+  };
+  for (const OpportunisticForm form : {OpportunisticForm::kSquareRoot, OpportunisticForm::kJoseph}) {
+    for (const Case& c : {Case{100.0, 1e5}, Case{100.0, -1e7}, Case{1e4, 1e8}, Case{1e4, 1e11}}) {
+      RandomStream random(4), same(4);
+      OpportunisticNavigator with = a_settled(form, random), without = a_settled(form, same);
+      OpportunisticSource joining = a_mast(2, false);
+      joining.ambiguity_sigma_cycles = c.sigma;
+      const int id = with.add_source(joining);
+      without.add_source(joining);
+      const int others = with.dim() - 1;
+      auto observed = observe(with, 3.0, random);
+      observed[8].value += c.offset;
+      const auto report = with.step(3.0, observed);
+      const ObservableReport first = with.reports()[8];
+      EXPECT_EQ(first.use, ObservableUse::kSlip);
+      EXPECT_NEAR(first.innovation / c.offset, 1.0, 0.01);
+      EXPECT_LT(first.sigma, 3e4);
+      EXPECT_EQ(report.slips, 1);
+      EXPECT_EQ(report.accepted, 10);
+      EXPECT_NEAR(with.source(id)->ambiguity_cycles / c.offset, 1.0, 0.01);
+      EXPECT_GT(with.source(id)->ambiguity_sigma_cycles, 5.0);
+      observed.erase(observed.begin() + 8);
+      without.step(3.0, observed);
+      EXPECT_LT(in_sigmas(with, without, others), 1e-3) << c.offset;
+      // It is listened to from then on.
+      for (int k = 1; k < 5; ++k) EXPECT_EQ(with.step(3.0 + 0.1 * k, observe(with, 3.0 + 0.1 * k, random)).slips, 0);
+      EXPECT_FALSE(with.source(id)->suspended);
+    }
+  }
+}
+
+TEST(OpportunisticFaults, AFirstPhaseWithinItsPriorIsNoFault) {
+  RandomStream random(4);
+  OpportunisticNavigator n = a_settled(OpportunisticForm::kSquareRoot, random);
+  OpportunisticSource joining = a_satellite(3);
+  joining.ambiguity_sigma_cycles = 100.0;
+  n.add_source(joining);
+  auto observed = observe(n, 3.0, random);
+  observed[8].value += 400.0;
+  EXPECT_EQ(n.step(3.0, observed).slips, 0);
+  EXPECT_EQ(n.reports()[8].use, ObservableUse::kAccepted);
+}
+
+TEST(OpportunisticFaults, WhatWasAskedOfAPresentSourceOutlivesSourcesThatLeave) {
+  OpportunisticOptions options = options_of(OpportunisticForm::kSquareRoot);
+  options.max_sources = 2;
+  OpportunisticNavigator n(a_start(), options);
+  const int stays = n.add_source(a_mast(1));
+  n.step(0.0, {});
+  ASSERT_TRUE(n.open_clock(stays, 1000.0, 1.0));
+  for (int k = 0; k < 40; ++k) {
+    const int leaves = n.add_source(a_mast(2));
+    ASSERT_TRUE(n.open_clock(leaves, 10.0, 1.0));
+    ASSERT_TRUE(n.remove_source(leaves));
+  }
+  n.step(1.0, {});
+  EXPECT_NEAR(n.source(stays)->clock_covariance(0, 0), 1e6, 1e3);
+}
+
 TEST(OpportunisticNavigatorMemory, NothingIsAllocatedInAStep) {
   if (!test::kAllocationsCounted) GTEST_SKIP() << "allocations are not counted here";
   for (const OpportunisticForm form : {OpportunisticForm::kSquareRoot, OpportunisticForm::kJoseph}) {
@@ -464,6 +541,57 @@ TEST(OpportunisticRefusals, DataGiveStatuses) {
   EXPECT_TRUE(n.mean().allFinite());
   for (int use = 0; use < 10; ++use) EXPECT_NE(to_string(static_cast<ObservableUse>(use)), "unknown");
   EXPECT_EQ(to_string(static_cast<ObservableUse>(99)), "unknown");
+}
+
+TEST(OpportunisticRefusals, HugeNumbersLeaveTheStateAlone) {
+  for (const OpportunisticForm form : {OpportunisticForm::kSquareRoot, OpportunisticForm::kJoseph}) {
+    for (const double huge : {2e15, -1e20, 1e160, -1e308}) {
+      for (const std::size_t row : {0U, 1U, 6U, 7U}) {
+        RandomStream random(4), same(4);
+        OpportunisticNavigator with = a_settled(form, random), without = a_settled(form, same);
+        auto observed = observe(with, 3.0, random);
+        auto rest = observed;
+        rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(row));
+        observed[row].value = huge;
+        const auto report = with.step(3.0, observed);
+        EXPECT_EQ(with.reports()[row].use, ObservableUse::kNonFinite);
+        EXPECT_EQ(report.rejected, 1);
+        EXPECT_TRUE(std::isfinite(report.nis));
+        without.step(3.0, rest);
+        EXPECT_EQ(with.mean(), without.mean());
+        EXPECT_EQ(with.covariance(), without.covariance());
+      }
+    }
+  }
+  RandomStream random(4);
+  OpportunisticNavigator n = a_settled(OpportunisticForm::kSquareRoot, random);
+  const Eigen::VectorXd x = n.mean();
+  const Eigen::MatrixXd P = n.covariance();
+  for (const double t_s : {2e9, 1e200})
+    EXPECT_EQ(n.step(t_s, observe(n, 3.0, random)).status, UpdateStatus::kNonFinite);
+  EXPECT_EQ(n.mean(), x);
+  EXPECT_EQ(n.covariance(), P);
+  EXPECT_NEAR(n.t_s(), 2.9, 1e-12);
+  auto observed = observe(n, 3.0, random);
+  observed[2].sigma = 1e-170;  // its square is no number
+  EXPECT_EQ(n.step(3.0, observed).accepted, 7);
+  EXPECT_EQ(n.reports()[2].use, ObservableUse::kNonFinite);
+}
+
+TEST(OpportunisticRefusals, PhasesNearTheLimitDoNoHarmToOthers) {
+  for (const double offset : {1e10, 1e14, 9e14}) {
+    RandomStream random(4), same(4);
+    OpportunisticNavigator with = a_settled(OpportunisticForm::kSquareRoot, random);
+    OpportunisticNavigator without = a_settled(OpportunisticForm::kSquareRoot, same);
+    for (int k = 30; k < 60; ++k) {
+      auto observed = observe(without, 0.1 * k, random);
+      without.step(0.1 * k, observed);
+      if (k < 45) observed[0].value += offset;
+      with.step(0.1 * k, observed);
+    }
+    EXPECT_LT(in_sigmas(with, without, 8), 3.0) << offset;
+    EXPECT_TRUE(with.covariance().allFinite());
+  }
 }
 
 }  // namespace

@@ -133,7 +133,8 @@ class OpportunisticNavigator {
   [[nodiscard]] std::optional<OpportunisticSourceState> source(int source) const noexcept;
 
   /// Moves to `t_s` and uses what was observed then. The first step moves nothing. `t_s` equal to the last step's is
-  /// kTimeNotAdvancing, as is an earlier one; nothing has changed then.
+  /// kTimeNotAdvancing, as is an earlier one; one more than 1e9 s later, or none at all, is kNonFinite. Nothing has
+  /// changed then.
   OpportunisticReport step(double t_s, std::span<const OpportunisticObservation> observed) noexcept;
   /// One report for each observable of the last step.
   [[nodiscard]] std::span<const ObservableReport> reports() const noexcept;

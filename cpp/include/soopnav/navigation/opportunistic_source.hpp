@@ -68,11 +68,12 @@ struct OpportunisticObservation {
 enum class ObservableUse : std::uint8_t {
   kMissing,              ///< NaN value in a batch: not observed
   kAccepted,             ///< used
-  kSlip,                 ///< a cycle slip: used after the ambiguity was opened again
+  kSlip,                 ///< a cycle slip, or a first phase beyond its prior: used after the ambiguity was opened again
   kGated,                ///< an outlier: not used
   kSuspended,            ///< its source contradicts its model too often and is not listened to
   kUnknownSource,        ///< no such source (any more)
-  kNonFinite,            ///< NaN or infinity in value, sigma or what comes with it, or sigma not positive
+  kNonFinite,            ///< NaN or infinity in value, sigma or what comes with it, sigma (or its square) not positive,
+                         ///< or more than 1e15 cycles or metres off the prediction, where doubles have no digits left
   kUndefined,            ///< no position known, outside the orbit's samples, or coincident points
   kNotPositiveDefinite,  ///< the update would have lost the covariance's sign
   kTooMany,              ///< more observables in one step than the navigator was made for
