@@ -41,6 +41,7 @@ def solved(first, second, orbits, **options):
 
 
 @offair
+@pytest.mark.offair
 def test_the_recordings_antenna_is_found(static):
     first, second, orbits = static
     fix = solved(first, second, orbits)
@@ -57,6 +58,7 @@ def test_the_recordings_antenna_is_found(static):
 
 
 @offair
+@pytest.mark.offair
 def test_one_frequency_is_worth_less_and_says_so(static):
     first, second, orbits = static
     one, two = solved(first, None, orbits), solved(first, second, orbits)
@@ -66,6 +68,7 @@ def test_one_frequency_is_worth_less_and_says_so(static):
 
 
 @offair
+@pytest.mark.offair
 def test_gaps_slips_and_missing_satellites(static):
     first, second, orbits = static
     whole = solved(first, second, orbits)
@@ -87,6 +90,7 @@ def test_gaps_slips_and_missing_satellites(static):
 
 
 @offair
+@pytest.mark.offair
 def test_a_message_that_an_upload_replaced_is_not_used(static):
     """G28 sends toe 12:00:00 until an upload, then 11:59:44 with a clock 3.2 m off that: the later one is right."""
     orbits = static[2].records
@@ -134,6 +138,7 @@ def test_ionosphere_free(a, b):
 
 
 @offair
+@pytest.mark.offair
 def test_the_command(tmp_path):
     run = CliRunner().invoke(
         cli, ["gnss", str(OBS), str(NAV), "--every", "30", "--json", "--plot", str(tmp_path / "a.png")]

@@ -1,11 +1,11 @@
 #include "soopnav/gnss/gps_phase.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
+#include "phase_normal.hpp"
 #include "soopnav/core/constants.hpp"
 #include "soopnav/geometry/local_frame.hpp"
 #include "soopnav/gnss/single_point.hpp"
@@ -17,10 +17,6 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kPasses = 4;
 constexpr double kOutlierSigmas = 5.0;
-
-void phase_require(bool ok, const char* name, double value, const char* rule) {
-  if (!ok) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + ": " + rule + " expected");
-}
 
 void phase_size(const char* name, std::size_t size, std::size_t expected) {
   if (size == expected) return;
@@ -56,10 +52,10 @@ class StaticSolution {
   void covariances();
 
   // Columns: position 0 ... 2, zenith 3, then error and its rate of each satellite, then a constant of each arc.
-  [[nodiscard]] Eigen::Index error_column(std::size_t i) const noexcept { return 4 + 2 * static_cast<Eigen::Index>(i); }
-  [[nodiscard]] Eigen::Index arc_column(int arc) const noexcept { return 4 + 2 * static_cast<Eigen::Index>(s_) + arc; }
+  [[nodiscard]] std::size_t error_column(std::size_t i) const noexcept { return 4 + 2 * i; }
+  [[nodiscard]] std::size_t arc_column(int arc) const noexcept { return 4 + 2 * s_ + static_cast<std::size_t>(arc); }
   struct Row {
-    Eigen::Index column[7];
+    std::size_t column[7];
     double value[7];
     int count = 0;
     double y = 0.0, weight = 0.0;
@@ -81,10 +77,9 @@ class StaticSolution {
   std::vector<Eigen::Vector3d> direction_;
   std::vector<std::uint8_t> code_ok_;
   std::vector<const Ephemeris*> pinned_;
-  std::vector<Eigen::Index> active_;
-  Eigen::MatrixXd normal_;
-  Eigen::VectorXd right_, theta_;
-  Eigen::LDLT<Eigen::MatrixXd> factor_;
+  std::vector<std::size_t> active_;
+  PhaseNormal normal_;
+  std::vector<double> right_, theta_;
   int arcs_ = 0;
   double middle_s_ = 0.0;
   double lasting_ = 1.0;  // variance of a phase that counts, over that of its noise
@@ -325,11 +320,11 @@ void StaticSolution::find_arcs() {
 StaticSolution::Row StaticSolution::row(std::size_t k, std::size_t i, bool phase) const noexcept {
   const std::size_t m = at(k, i);
   Row r;
-  const auto add = [&r](Eigen::Index column, double value) {
+  const auto add = [&r](std::size_t column, double value) {
     r.column[r.count] = column;
     r.value[r.count++] = value;
   };
-  for (int j = 0; j < 3; ++j) add(j, -direction_[m][j]);
+  for (int j = 0; j < 3; ++j) add(static_cast<std::size_t>(j), -direction_[m][j]);
   add(3, mapping_[m]);
   add(error_column(i), 1.0);
   add(error_column(i) + 1, t_[k] - middle_s_);
@@ -343,10 +338,10 @@ StaticSolution::Row StaticSolution::row(std::size_t k, std::size_t i, bool phase
 
 // A' W A with every epoch's clock eliminated: u = A' W 1 of the epoch, N -= u u' / (1' W 1).
 bool StaticSolution::normal_equations() {
-  const Eigen::Index size = arc_column(arcs_);
-  normal_.setZero(size, size);
-  right_.setZero(size);
-  Eigen::VectorXd u(size);
+  const std::size_t size = arc_column(arcs_);
+  normal_.reset(size);
+  right_.assign(static_cast<std::size_t>(size), 0.0);
+  std::vector<double> u(right_.size());
   std::vector<Row> rows;
   for (std::size_t k = 0; k < n_; ++k) {
     rows.clear();
@@ -356,7 +351,7 @@ bool StaticSolution::normal_equations() {
       if (code_used(m)) rows.push_back(row(k, i, false));
     }
     if (rows.size() < 2) continue;
-    u.setZero();
+    std::fill(u.begin(), u.end(), 0.0);
     double weights = 0.0, sum = 0.0;
     active_.clear();
     for (const Row& r : rows) {
@@ -367,20 +362,20 @@ bool StaticSolution::normal_equations() {
         u[r.column[a]] += r.weight * r.value[a];
         right_[r.column[a]] += r.weight * r.value[a] * r.y;
         for (int b = 0; b < r.count; ++b) {
-          if (r.column[b] <= r.column[a]) normal_(r.column[a], r.column[b]) += r.weight * r.value[a] * r.value[b];
+          if (r.column[b] <= r.column[a]) normal_.at(r.column[a], r.column[b]) += r.weight * r.value[a] * r.value[b];
         }
       }
     }
     std::sort(active_.begin(), active_.end());
     active_.erase(std::unique(active_.begin(), active_.end()), active_.end());
-    for (const Eigen::Index a : active_) {
+    for (const std::size_t a : active_) {
       right_[a] -= u[a] * sum / weights;
-      for (const Eigen::Index b : active_) {
-        if (b <= a) normal_(a, b) -= u[a] * u[b] / weights;
+      for (const std::size_t b : active_) {
+        if (b <= a) normal_.at(a, b) -= u[a] * u[b] / weights;
       }
     }
   }
-  const auto prior = [this](Eigen::Index column, double sigma) { normal_(column, column) += 1.0 / (sigma * sigma); };
+  const auto prior = [this](std::size_t column, double sigma) { normal_.at(column, column) += 1.0 / (sigma * sigma); };
   prior(3, std::max(options_.zenith_sigma_m, 1e-6));
   for (std::size_t i = 0; i < s_; ++i) {
     prior(error_column(i), options_.range_error_sigma_m);
@@ -388,14 +383,14 @@ bool StaticSolution::normal_equations() {
   }
   // Arcs are never better known than this; it keeps one that is all rejected from opening the system.
   for (int a = 0; a < arcs_; ++a) prior(arc_column(a), 1e6);
-  normal_.triangularView<Eigen::StrictlyUpper>() = normal_.transpose();
-  factor_.compute(normal_);
-  if (factor_.info() != Eigen::Success || !factor_.isPositive()) return false;
-  // The position's own information, all else given its prior: open directions show as a tiny Schur complement.
-  const Eigen::Matrix3d block = factor_.solve(Eigen::MatrixXd::Identity(size, 3)).topRows<3>();
-  if (!block.allFinite() || !(block.diagonal().maxCoeff() < 1e8)) return false;
-  theta_ = factor_.solve(right_);
-  return theta_.allFinite();
+  if (!normal_.factor()) return false;
+  // Directions that the satellites leave open show as metres by the thousand.
+  const auto block = normal_.covariance(3);
+  for (std::size_t j = 0; j < 3; ++j) {
+    if (!(block[j][j] < 1e8)) return false;
+  }
+  theta_ = normal_.solve(right_);
+  return std::all_of(theta_.begin(), theta_.end(), [](double v) { return std::isfinite(v); });
 }
 
 // Residuals and each epoch's clock; true when something new was thrown out.
@@ -456,11 +451,15 @@ bool StaticSolution::reject() {
 }
 
 void StaticSolution::covariances() {
-  const Eigen::Index size = arc_column(arcs_);
-  const Eigen::MatrixXd all = factor_.solve(Eigen::MatrixXd::Identity(size, size));
-  fix_.covariance_m2 = 0.5 * (all.topLeftCorner<3, 3>() + all.topLeftCorner<3, 3>().transpose());
+  const std::size_t size = arc_column(arcs_);
+  const auto all = normal_.covariance(size);
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t j = 0; j < 3; ++j) {
+      fix_.covariance_m2(static_cast<int>(i), static_cast<int>(j)) = 0.5 * (all[i][j] + all[j][i]);
+    }
+  }
   fix_.zenith_m = theta_[3];
-  fix_.zenith_sigma_m = std::sqrt(all(3, 3));
+  fix_.zenith_sigma_m = std::sqrt(all[3][3]);
   fix_.range_error_m.assign(s_, kNan);
   fix_.range_error_sigma_m.assign(s_, kNan);
   fix_.range_error_rate_mps.assign(s_, kNan);
@@ -468,15 +467,16 @@ void StaticSolution::covariances() {
     bool any = false;
     for (std::size_t k = 0; k < n_ && !any; ++k) any = phase_used(at(k, i)) || code_used(at(k, i));
     if (!any) continue;
-    const Eigen::Index c = error_column(i);
+    const std::size_t c = error_column(i);
     fix_.range_error_m[i] = theta_[c];
     fix_.range_error_rate_mps[i] = theta_[c + 1];
-    fix_.range_error_sigma_m[i] = std::sqrt(all(c, c));
+    fix_.range_error_sigma_m[i] = std::sqrt(all[c][c]);
   }
-  Eigen::VectorXd u(size);
+  std::vector<double> u(size);
   for (std::size_t k = 0; k < n_; ++k) {
     if (!std::isfinite(fix_.clock_m[k])) continue;
-    u.setZero();
+    std::fill(u.begin(), u.end(), 0.0);
+    active_.clear();
     double weights = 0.0;
     for (std::size_t i = 0; i < s_; ++i) {
       for (const bool phase : {true, false}) {
@@ -484,11 +484,19 @@ void StaticSolution::covariances() {
         const Row r = row(k, i, phase);
         const double weight = r.weight * (phase ? lasting_ : 1.0);
         weights += weight;
-        for (int a = 0; a < r.count; ++a) u[r.column[a]] += weight * r.value[a];
+        for (int a = 0; a < r.count; ++a) {
+          u[r.column[a]] += weight * r.value[a];
+          active_.push_back(r.column[a]);
+        }
       }
     }
-    u /= weights;
-    fix_.clock_sigma_m[k] = std::sqrt(1.0 / weights + u.dot(all * u));
+    std::sort(active_.begin(), active_.end());
+    active_.erase(std::unique(active_.begin(), active_.end()), active_.end());
+    double variance = 0.0;
+    for (const std::size_t a : active_) {
+      for (const std::size_t b : active_) variance += u[a] * all[a][b] * u[b];
+    }
+    fix_.clock_sigma_m[k] = std::sqrt(1.0 / weights + variance / (weights * weights));
   }
   for (std::size_t m = 0; m < mapping_.size(); ++m) {
     const double extra = mapping_[m] * fix_.zenith_m;
@@ -496,15 +504,15 @@ void StaticSolution::covariances() {
     fix_.code_correction_m[m] += extra;
   }
   // The same without the satellites' errors: what the noise alone leaves.
-  Eigen::MatrixXd formal = normal_;
   for (std::size_t i = 0; i < s_; ++i) {
-    for (const Eigen::Index c : {error_column(i), error_column(i) + 1}) {
-      formal.row(c).setZero();
-      formal.col(c).setZero();
-      formal(c, c) = 1.0;
-    }
+    normal_.fix(error_column(i));
+    normal_.fix(error_column(i) + 1);
   }
-  fix_.formal_m2 = formal.ldlt().solve(Eigen::MatrixXd::Identity(size, 3)).topRows<3>();
+  if (!normal_.factor()) return;
+  const auto formal = normal_.covariance(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t j = 0; j < 3; ++j) fix_.formal_m2(static_cast<int>(i), static_cast<int>(j)) = formal[i][j];
+  }
 }
 
 StaticPhaseFix StaticSolution::solve() {
@@ -525,61 +533,26 @@ StaticPhaseFix StaticSolution::solve() {
       return std::move(fix_);
     }
     const bool changed = reject();
-    const Eigen::Vector3d moved = theta_.head<3>();
+    const Eigen::Vector3d moved = Eigen::Vector3d(theta_[0], theta_[1], theta_[2]);
     if (pass >= kPasses || (!changed && moved.norm() < 1e-5)) break;
     p_ += moved;
     model();
   }
   fix_.status = StaticPhaseStatus::kSolved;
-  fix_.position_e = p_ + theta_.head<3>();
+  fix_.position_e = p_ + Eigen::Vector3d(theta_[0], theta_[1], theta_[2]);
   covariances();
   return std::move(fix_);
 }
 
 }  // namespace
 
-void StaticPhaseOptions::check() const {
-  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
-  phase_require(elevation_mask_rad >= 0.0 && elevation_mask_rad < 0.5 * kPi, "elevation_mask_rad", elevation_mask_rad,
-                "0 to below pi/2");
-  phase_require(positive(code_sigma_m), "code_sigma_m", code_sigma_m, "a positive number");
-  phase_require(positive(phase_sigma_m), "phase_sigma_m", phase_sigma_m, "a positive number");
-  phase_require(std::isfinite(phase_correlation_s) && phase_correlation_s >= 0.0, "phase_correlation_s",
-                phase_correlation_s, "a number not below 0");
-  phase_require(positive(range_error_sigma_m), "range_error_sigma_m", range_error_sigma_m, "a positive number");
-  phase_require(positive(range_error_rate_mps), "range_error_rate_mps", range_error_rate_mps, "a positive number");
-  phase_require(std::isfinite(zenith_sigma_m) && zenith_sigma_m >= 0.0, "zenith_sigma_m", zenith_sigma_m,
-                "a number not below 0");
-  phase_require(relative_humidity >= 0.0 && relative_humidity <= 1.0, "relative_humidity", relative_humidity,
-                "0 ... 1");
-  phase_require(positive(max_gap_s), "max_gap_s", max_gap_s, "a positive number");
-  phase_require(positive(slip_m), "slip_m", slip_m, "a positive number");
-  phase_require(min_arc_epochs >= 2, "min_arc_epochs", min_arc_epochs, "at least 2");
-  phase_require(std::isfinite(max_age_s) && max_age_s >= 0.0, "max_age_s", max_age_s, "a number not below 0");
-}
-
-std::string_view to_string(StaticPhaseStatus status) noexcept {
-  switch (status) {
-    case StaticPhaseStatus::kSolved:
-      return "solved";
-    case StaticPhaseStatus::kTooFewSatellites:
-      return "too few satellites";
-    case StaticPhaseStatus::kTooShort:
-      return "too short";
-    case StaticPhaseStatus::kRankDeficient:
-      return "rank deficient";
-    case StaticPhaseStatus::kTooManyArcs:
-      return "too many arcs";
-  }
-  return "unknown";
-}
-
 StaticPhaseFix solve_static_phase(const EphemerisTable& ephemerides, const std::optional<Klobuchar>& klobuchar,
                                   const PhaseTable& table, const StaticPhaseOptions& options) {
   options.check();
   if (klobuchar) klobuchar->check();
   const std::size_t n = table.time_of_week_s.size(), s = table.prn.size();
-  phase_require(s <= kMaxPhaseSatellites, "satellites", static_cast<double>(s), "at most 32");
+  if (s > kMaxPhaseSatellites)
+    throw std::invalid_argument("satellites = " + std::to_string(s) + ": at most 32 expected");
   phase_size("week", table.week.size(), n);
   phase_size("code1_m", table.code1_m.size(), n * s);
   phase_size("phase1_cycles", table.phase1_cycles.size(), n * s);

@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
+#include <string>
 
 #include "soopnav/core/constants.hpp"
 #include "soopnav/geometry/local_frame.hpp"
@@ -14,7 +16,47 @@ Eigen::Vector3d cross(const Eigen::Vector3d& a, const Eigen::Vector3d& b) noexce
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
+void phase_require(bool ok, const char* name, double value, const char* rule) {
+  if (!ok) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + ": " + rule + " expected");
+}
+
 }  // namespace
+
+void StaticPhaseOptions::check() const {
+  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
+  phase_require(elevation_mask_rad >= 0.0 && elevation_mask_rad < 0.5 * kPi, "elevation_mask_rad", elevation_mask_rad,
+                "0 to below pi/2");
+  phase_require(positive(code_sigma_m), "code_sigma_m", code_sigma_m, "a positive number");
+  phase_require(positive(phase_sigma_m), "phase_sigma_m", phase_sigma_m, "a positive number");
+  phase_require(std::isfinite(phase_correlation_s) && phase_correlation_s >= 0.0, "phase_correlation_s",
+                phase_correlation_s, "a number not below 0");
+  phase_require(positive(range_error_sigma_m), "range_error_sigma_m", range_error_sigma_m, "a positive number");
+  phase_require(positive(range_error_rate_mps), "range_error_rate_mps", range_error_rate_mps, "a positive number");
+  phase_require(std::isfinite(zenith_sigma_m) && zenith_sigma_m >= 0.0, "zenith_sigma_m", zenith_sigma_m,
+                "a number not below 0");
+  phase_require(relative_humidity >= 0.0 && relative_humidity <= 1.0, "relative_humidity", relative_humidity,
+                "0 ... 1");
+  phase_require(positive(max_gap_s), "max_gap_s", max_gap_s, "a positive number");
+  phase_require(positive(slip_m), "slip_m", slip_m, "a positive number");
+  phase_require(min_arc_epochs >= 2, "min_arc_epochs", min_arc_epochs, "at least 2");
+  phase_require(std::isfinite(max_age_s) && max_age_s >= 0.0, "max_age_s", max_age_s, "a number not below 0");
+}
+
+std::string_view to_string(StaticPhaseStatus status) noexcept {
+  switch (status) {
+    case StaticPhaseStatus::kSolved:
+      return "solved";
+    case StaticPhaseStatus::kTooFewSatellites:
+      return "too few satellites";
+    case StaticPhaseStatus::kTooShort:
+      return "too short";
+    case StaticPhaseStatus::kRankDeficient:
+      return "rank deficient";
+    case StaticPhaseStatus::kTooManyArcs:
+      return "too many arcs";
+  }
+  return "unknown";
+}
 
 double ionosphere_free_m(double first_m, double second_m, double f1_hz, double f2_hz) noexcept {
   const double a = f1_hz * f1_hz, b = f2_hz * f2_hz;
