@@ -264,6 +264,44 @@ def test_one_voice_is_one_voice() -> None:
     assert judge(three[0], truth, three[1:]).status == "accepted"  # a majority does
 
 
+def test_one_contributor_cannot_carry_a_source_away() -> None:
+    """In steps that each agree with the one before, and more of them than are fused."""
+    rng = np.random.default_rng(13)
+    five = [honest(rng, f"honest{i}") for i in range(5)]
+    accepted, refused = list(five), []
+    for k in range(50):
+        step = body(offset_m=0.25 * k, clock=None, noise=None)
+        new = Entry(f"step{k:02d}", "one", NOON + timedelta(seconds=float(k)), step)
+        found = judge(new, accepted, refused[-5:])
+        assert found.quarantined == {}
+        (accepted if found.status == "accepted" else refused).append(new)
+    assert fusion.MOST_OF_ONE < len(accepted) - len(five) < 30
+    said = fuse(accepted, NOON).position
+    assert said is not None
+    assert np.linalg.norm(said.value - P_E) < 5.0
+    counted = fusion.counting(accepted)
+    assert [one.contributor for one in counted].count("one") == fusion.MOST_OF_ONE
+    assert {one.id for one in five} < {one.id for one in counted}
+    wide = body(offset_m=6.0, clock=None, noise=None)  # as far as a pair may be apart, too far for all five
+    assert judge(Entry("wide", "one", NOON, wide), five[:1]).status == "accepted"
+    assert judge(Entry("wide", "one", NOON, wide), five).status == "quarantined"
+    # The honest overturn even what little there is.
+    late = [honest(rng, f"late{i}") for i in range(2)]
+    first = judge(late[0], accepted, refused)
+    assert first.status == "accepted" or judge(late[1], accepted, [*refused, late[0]]).status == "accepted"
+
+
+def test_everybody_counts_before_anybody_twice() -> None:
+    rng = np.random.default_rng(14)
+    of_one = [entry(f"n{k}", body(at=NOON + timedelta(seconds=k)), contributor="one") for k in range(20)]
+    many = [honest(rng, f"m{k:02d}", at=NOON - timedelta(seconds=100.0 - k)) for k in range(62)]
+    counted = fusion.counting([*of_one, *many])
+    assert len(counted) == fusion.MOST_FUSED
+    assert {one.id for one in many} < {one.id for one in counted}
+    assert [one.id for one in counted if one.contributor == "one"] == ["n18", "n19"]
+    assert counted == sorted(counted, key=lambda one: one.time)
+
+
 def test_old_voices_fade() -> None:
     """A clock that was set anew: the first to say so after a month is believed."""
     rng = np.random.default_rng(12)

@@ -24,7 +24,7 @@ from sopdb_bodies import characterization, clock, noise, position
 from sqlalchemy.orm import Session
 
 from soopnav_cpp import geometry
-from soopnav_cpp.sopdb import database, matching, records, schema, spatial
+from soopnav_cpp.sopdb import database, fusion, matching, records, schema, spatial
 from soopnav_cpp.sopdb.contributing import ConflictError, Contributor, Entries
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import SourceState
@@ -183,6 +183,19 @@ def test_a_first_liar_is_outvoted(store: Store) -> None:
     assert give(store, characterization(clock=clock(58.0)), BOB)["status"] == "accepted"
     status = {one["id"]: one["status"] for one in store.contributions()}
     assert status == {1: "quarantined", 2: "accepted", 3: "accepted"}
+
+
+@pytest.mark.law
+def test_one_token_does_not_push_the_others_out(store: Store) -> None:
+    for k, who in enumerate((ANN, BOB)):
+        give(store, characterization(clock=clock(1000.0 + k)), who)
+    many = [characterization(clock=clock(900.0 - k)) for k in range(12)]
+    waiting = [store.contribute(Characterization.model_validate(one), CID) for one in many]
+    assert {one.result(30.0).answer["status"] for one in waiting} == {"accepted"}
+    found = store.accepted(1)
+    assert [entry.contributor for entry in found] == ["bob", "ann"] + ["cid"] * fusion.MOST_OF_ONE
+    assert [entry.id for entry in found[2:]] == [str(k) for k in range(7, 15)]
+    assert found == fusion.counting(found)
 
 
 @pytest.mark.unit

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import bindparam, func, select, text, update
+from sqlalchemy import Select, bindparam, func, select, text, update
 from sqlalchemy.orm import Session
 
 from soopnav_cpp.sopdb import spatial
-from soopnav_cpp.sopdb.fusion import MOST_FUSED, Entry, fuse, judge
+from soopnav_cpp.sopdb.fusion import MOST_FUSED, MOST_OF_ONE, Entry, fuse, judge
 from soopnav_cpp.sopdb.matching import BY_PLACE, CARRIER_TOLERANCE, NEAR_M, Known, match, name_key
 from soopnav_cpp.sopdb.records import STORED, Characterization
 from soopnav_cpp.sopdb.schema import (
@@ -39,14 +39,32 @@ __all__ = ["ConflictError", "Contributor", "Entries", "Outcome", "bump", "decide
 
 # Statements of every contribution, built once: building costs more than running them.
 _BUMP = text("UPDATE meta SET value = value + 1 WHERE name = 'version' RETURNING value")
-_ENTRIES = (
-    select(Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body, Contribution.body_hash)
+_RANK = func.row_number().over(
+    partition_by=Contribution.token_id, order_by=(Contribution.time_us.desc(), Contribution.id.desc())
+)
+_OF_STATUS = (
+    select(Contribution.id, _RANK.label("rank"))
     .join(Verdict, Verdict.contribution_id == Contribution.id)
     .where(Contribution.source_id == bindparam("source_id"), Verdict.status == bindparam("status"))
-    .order_by(Contribution.time_us.desc(), Contribution.id.desc())
-    .limit(MOST_FUSED)
 )
-_ENTRIES_BY_RULE = _ENTRIES.where(Verdict.decided_by == "rule")
+
+
+def _counting(candidates: Select[tuple[int, int]]) -> Select[tuple[int, str | None, int, str, bytes]]:
+    """Rows of those that `fusion.counting` would choose."""
+    ranked = candidates.subquery()
+    return (
+        select(
+            Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body, Contribution.body_hash
+        )
+        .join(ranked, ranked.c.id == Contribution.id)
+        .where(ranked.c.rank <= MOST_OF_ONE)
+        .order_by(ranked.c.rank, Contribution.time_us.desc(), Contribution.id.desc())
+        .limit(MOST_FUSED)
+    )
+
+
+_ENTRIES = _counting(_OF_STATUS)
+_ENTRIES_BY_RULE = _counting(_OF_STATUS.where(Verdict.decided_by == "rule"))
 _OF_SIGNAL = (
     select(Source.id, Fused.state)
     .join(Fused, Fused.source_id == Source.id, isouter=True)
@@ -116,9 +134,10 @@ class Entries:
 
 
 def entries_of(session: Session, source_id: int, status: str, known: Entries, *, by_rule: bool = False) -> list[Entry]:
-    """The newest contributions of a source that have a status, oldest first; those that the rules judged, if asked."""
+    """Contributions of a source that have a status and count (`fusion.counting`), oldest first; those that the rules
+    judged, if asked."""
     rows = session.execute(_ENTRIES_BY_RULE if by_rule else _ENTRIES, {"source_id": source_id, "status": status})
-    return [known.of(row) for row in rows][::-1]
+    return sorted((known.of(row) for row in rows), key=lambda entry: (entry.time, int(entry.id)))
 
 
 def bump(session: Session) -> int:

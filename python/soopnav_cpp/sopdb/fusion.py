@@ -10,6 +10,7 @@ Times are aware ``datetime``; within the engine seconds from the asked time.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
@@ -28,6 +29,7 @@ __all__ = [
     "GATE",
     "LN_WALK_PER_S",
     "MOST_FUSED",
+    "MOST_OF_ONE",
     "POSITION_WALK_M2PS",
     "VOTE_DAYS",
     "Entry",
@@ -35,6 +37,7 @@ __all__ = [
     "Judgement",
     "SourceState",
     "answer_quality",
+    "counting",
     "fuse",
     "impossible",
     "judge",
@@ -47,8 +50,10 @@ _Array = npt.NDArray[np.float64]
 GATE = 1e-4
 #: The gate takes the clock's noise this many standard deviations above what is stated.
 GATE_SIGMAS = 3.0
-#: Newest characterisations of a source that are fused; older ones have nothing to add.
+#: Characterisations of a source that are fused; others have nothing to add.
 MOST_FUSED = 64
+#: The newest of each contributor among them, so that nobody pushes the others out by sending much.
+MOST_OF_ONE = 8
 #: An accepted characterisation this much older than a new one no longer speaks against it: transmitters are rebuilt.
 VOTE_DAYS = 30.0
 _YEAR_S = 365.25 * 86400.0
@@ -248,6 +253,21 @@ def _position_of(body: Characterization) -> Estimate | None:
     return Estimate(np.array(body.position.p_e_m), np.array(body.position.covariance_m2))
 
 
+def counting(entries: Iterable[Entry]) -> list[Entry]:
+    """Those that are fused and voted with, oldest first: of each contributor the newest, `MOST_OF_ONE` at most.
+
+    Of more than `MOST_FUSED` everybody's newest come before anybody's second newest.
+    """
+    ranks: Counter[str] = Counter()
+    ranked = []
+    for entry in sorted(entries, key=lambda entry: (entry.time, entry.id), reverse=True):
+        if ranks[entry.contributor] < MOST_OF_ONE:
+            ranked.append((ranks[entry.contributor], entry))
+        ranks[entry.contributor] += 1
+    ranked.sort(key=lambda pair: pair[0])  # stable: the newest first within a rank
+    return sorted((entry for _, entry in ranked[:MOST_FUSED]), key=lambda entry: (entry.time, entry.id))
+
+
 def _columns(
     rows: Sequence[tuple[float, Estimate | None, bool]],
 ) -> tuple[list[float], _Array, _Array, list[bool]] | None:
@@ -268,7 +288,7 @@ def fuse(
     """One state of a source's accepted characterisations, at any time.
 
     Independent ones by Kalman filters over their epochs, forwards and backwards to `at`; those that may have used
-    other's answers by covariance intersection (cpp/doc/signal_database.md). Only the newest `MOST_FUSED`.
+    other's answers by covariance intersection (cpp/doc/signal_database.md). Only those `counting`.
 
     Parameters
     ----------
@@ -284,7 +304,7 @@ def fuse(
     SourceState
         Parts about which no entry says anything are None.
     """
-    kept = sorted(entries, key=lambda entry: (entry.time, entry.id))[-MOST_FUSED:]
+    kept = counting(entries)
     times = [(entry.time - at).total_seconds() for entry in kept]
     free = [entry.body.provenance.independent for entry in kept]
 
@@ -358,7 +378,7 @@ def impossible(body: Characterization) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _differences(one: Entry, others: Sequence[Entry], *, independent: bool) -> tuple[str, ...]:
+def _differences(one: Entry, others: Sequence[Entry], *, independent: bool, gate: float = GATE) -> tuple[str, ...]:
     """In which parts an entry disagrees with what others together say."""
     body = one.body
     own = _noise_of(body)
@@ -374,7 +394,7 @@ def _differences(one: Entry, others: Sequence[Entry], *, independent: bool) -> t
     out = []
     for name, a, b in shared:
         d2, probability = _navigation.sop_disagreement(*a, *b, independent=independent)
-        if probability < GATE / len(shared):
+        if probability < gate / len(shared):
             out.append(f"{name}: {math.sqrt(d2):.1f} standard deviations from what others say")
     return tuple(out)
 
@@ -385,6 +405,17 @@ def _agree(a: Entry, b: Entry) -> bool:
     return not _differences(second, [first], independent=free)
 
 
+def _doubts(new: Entry, accepted: Sequence[Entry]) -> tuple[str, ...]:
+    """In which parts a new entry disagrees with the accepted, or with those of other contributors alone: by many small
+    steps, each in agreement with the one before, nobody carries a source away."""
+    free = new.body.provenance.independent
+    others = [entry for entry in accepted if entry.contributor != new.contributor]
+    if not others or len(others) == len(accepted):
+        return _differences(new, accepted, independent=free)
+    doubts = _differences(new, others, independent=free, gate=0.5 * GATE)
+    return doubts or _differences(new, accepted, independent=free, gate=0.5 * GATE)
+
+
 def _votes(entries: Iterable[Entry]) -> set[str]:
     return {entry.contributor for entry in entries if entry.body.provenance.independent}
 
@@ -393,7 +424,7 @@ def judge(new: Entry, accepted: Sequence[Entry], quarantined: Sequence[Entry] = 
     """Whether a new characterisation is believed.
 
     It is quarantined when it is `impossible`, or when its position, its clock at its own epoch or its noise disagree
-    with the fused rest at a probability below `GATE`. A majority can overturn: when more contributors (each one voice,
+    with the fused rest, or with that of other contributors, at a probability below `GATE` in all. A majority can overturn: when more contributors (each one voice,
     and only with independent characterisations) say what the new one says than say otherwise, theirs are accepted and
     the others quarantined. So a first liar does not lock out the honest, nor does a single later liar displace them.
 
@@ -406,22 +437,21 @@ def judge(new: Entry, accepted: Sequence[Entry], quarantined: Sequence[Entry] = 
     reasons = impossible(new.body)
     if reasons:
         return Judgement("quarantined", reasons)
-    newest = sorted(accepted, key=lambda entry: (entry.time, entry.id))[-MOST_FUSED:]
-    if not newest:
+    heard = counting(accepted)
+    if not heard:
         return Judgement("accepted")
-    reasons = _differences(new, newest, independent=new.body.provenance.independent)
+    reasons = _doubts(new, heard)
     if not reasons:
         return Judgement("accepted")
-    like = [
-        entry
-        for entry in sorted(quarantined, key=lambda entry: (entry.received, entry.id))[-MOST_FUSED:]
-        if not impossible(entry.body) and _agree(new, entry)
-    ]
+    like = [entry for entry in counting(quarantined) if not impossible(entry.body) and _agree(new, entry)]
     camp = [new, *like]
     limit = new.time - timedelta(days=VOTE_DAYS)
-    against = [entry for entry in newest if not all(_agree(entry, member) for member in camp)]
-    opposed = _votes(entry for entry in against if entry.time >= limit)
+    against = [entry for entry in heard if not all(_agree(entry, member) for member in camp)]
     behind = _votes(camp)
+    rest = [entry for entry in heard if entry not in against and entry.contributor not in behind]
+    if rest and _differences(new, rest, independent=new.body.provenance.independent):
+        against += rest  # nobody alone says otherwise, but all together do
+    opposed = _votes(entry for entry in against if entry.time >= limit)
     if len(behind - opposed) > len(opposed - behind):
         why = f"{len(behind)} later contributor{'s' if len(behind) > 1 else ''} agree on something else"
         return Judgement(

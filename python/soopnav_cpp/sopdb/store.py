@@ -321,7 +321,7 @@ class Store:
         return [one[1] for one in found[:limit]], (found[limit - 1] if len(found) > limit else None)
 
     def accepted(self, source_id: int) -> list[Entry]:
-        """The accepted contributions of a source that count, the newest 64."""
+        """The accepted contributions of a source that count (`fusion.counting`)."""
         try:
             with self._reading, self.engine.connect() as connection, Session(connection) as session:
                 return contributing.entries_of(session, source_id, "accepted", self._read_entries)
