@@ -26,6 +26,9 @@ constexpr double kYearS = 365.25 * 86400.0;
 constexpr double kPositionWalkM2ps = 1.0 / kYearS;  // as the service ages answers
 constexpr double kLnWalkPerS = 1.0 / kYearS;
 constexpr double kMostLnVariance = 25.0;
+constexpr double kMostLn = 200.0;                           // exp of it and of twice it are finite
+constexpr std::int64_t kFirstUs = -62'135'596'800'000'000;  // year 1
+constexpr std::int64_t kLastUs = 253'402'300'799'999'999;   // the end of year 9999
 constexpr std::array<std::string_view, 7> kKinds{"other", "cdma", "gps", "iridium", "lte", "ofdm", "fm"};
 
 constexpr std::array<std::uint32_t, 256> crc_table() {
@@ -128,18 +131,49 @@ SopEstimate<2> as_estimate(const SopNoise& noise) {
   return e;
 }
 
+/// Whether text is UTF-8 (shortest forms, no surrogates) without control characters, so that it can be printed.
+bool is_printable_utf8(std::string_view text) noexcept {
+  for (std::size_t i = 0; i < text.size();) {
+    const auto byte = [&](std::size_t k) noexcept {
+      return static_cast<std::uint32_t>(static_cast<unsigned char>(text[k]));
+    };
+    const std::uint32_t first = byte(i);
+    const std::size_t size = first < 0x80 ? 1 : first >> 5 == 6 ? 2 : first >> 4 == 14 ? 3 : first >> 3 == 30 ? 4 : 0;
+    if (size == 0 || size > text.size() - i) return false;
+    std::uint32_t code = size == 1 ? first : first & (0x7FU >> size);
+    for (std::size_t k = 1; k < size; ++k) {
+      if (byte(i + k) >> 6 != 2) return false;
+      code = code << 6 | (byte(i + k) & 0x3FU);
+    }
+    constexpr std::array<std::uint32_t, 5> kLeast{0, 0, 0x80, 0x800, 0x10000};
+    if (code < kLeast[size] || code > 0x10FFFF || (code >= 0xD800 && code < 0xE000)) return false;
+    if (code < 0x20 || (code >= 0x7F && code < 0xA0)) return false;
+    i += size;
+  }
+  return true;
+}
+
+void check_time(std::int64_t us, const std::string& where, const char* part) {
+  if (us < kFirstUs || us > kLastUs) refuse(where + part + " between the years 1 and 9999 expected");
+}
+
 void check_source(const SopSource& source, const std::string& where) {
   if (source.id.empty() || source.id.size() > kIdBytes) refuse(where + "an id of 1 to 40 bytes expected");
-  if (source.id.find('\0') != std::string::npos || source.name.find('\0') != std::string::npos) {
-    refuse(where + "text without zero bytes expected");
-  }
   if (source.name.size() > kNameBytes) refuse(where + "a name of at most 400 bytes expected");
+  if (!is_printable_utf8(source.id) || !is_printable_utf8(source.name)) {
+    refuse(where + "an id and a name of UTF-8 without control characters expected");
+  }
   if (static_cast<std::size_t>(source.kind) >= kKinds.size()) refuse(where + "a known kind expected");
   if (!(source.carrier_hz > 0.0) || !std::isfinite(source.carrier_hz)) refuse(where + "a positive carrier expected");
   if (source.grade < 'A' || source.grade > 'D') refuse(where + "a grade from A to D expected");
+  check_time(source.newest_us, where, "a newest contribution");
+  check_time(source.at_us, where, "a state");
   if (source.position) check_estimate(*source.position, where, "its position");
   if (source.clock) check_estimate(*source.clock, where, "its clock");
-  if (source.noise) check_estimate(as_estimate(*source.noise), where, "its noise");
+  if (source.noise) {
+    check_estimate(as_estimate(*source.noise), where, "its noise");
+    if (!(source.noise->ln_h.cwiseAbs().maxCoeff() < kMostLn)) refuse(where + "logarithms of noise below 200 expected");
+  }
 }
 
 Epoch epoch_of(std::int64_t us) noexcept {
@@ -180,6 +214,7 @@ SopCatalog SopCatalog::read(std::span<const std::byte> bytes) {
   static_cast<void>(header.whole<std::uint32_t>());  // reserved
   const auto crc = header.whole<std::uint32_t>();
   if (crc32(crc32(0, bytes.first(kCrcAt)), body) != crc) refuse("the checksum does not fit: the file is damaged");
+  check_time(out.created_us_, "", "a time of its making");
 
   out.sources_.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -296,6 +331,7 @@ bool prior(const SopSource& source, const Epoch& at, SopPrior& out) noexcept {
 }
 
 std::vector<std::byte> write_snapshot(std::span<const SopSource> sources, std::int64_t created_us) {
+  check_time(created_us, "", "a time of its making");
   std::vector<const SopSource*> order;
   order.reserve(sources.size());
   for (const SopSource& source : sources) {

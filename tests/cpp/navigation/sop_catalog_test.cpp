@@ -252,6 +252,36 @@ TEST(SopCatalog, RefusesWhatIsNoSnapshot) {
   EXPECT_TRUE(says(sentence_of(bytes), "record 0: a known kind expected"));
 }
 
+TEST(SopCatalog, RefusesWhatCannotBePrintedOrComputed) {
+  const auto changed = [](std::size_t at, std::initializer_list<int> with) {
+    auto bytes = write_snapshot(std::array{source("a")}, 0);
+    for (const int value : with) bytes[at++] = static_cast<std::byte>(value);
+    seal(bytes);
+    return sentence_of(bytes);
+  };
+  constexpr std::size_t kName = 40 + 40, kLnH0 = 40 + 584;
+  EXPECT_EQ(changed(kName, {0xF0, 0x9F, 0x93, 0xA1, 0}), "read");
+  for (const auto& text : std::initializer_list<std::initializer_list<int>>{
+           {0x1B, '[', 0},               // escape
+           {0x7F, 0},                    // delete
+           {0xC2, 0x9B, 0},              // the same as escape [ in one character
+           {0xFF, 0},                    // no first byte
+           {0xC0, 0x80, 0},              // zero, too long
+           {0xED, 0xA0, 0x80, 0},        // a surrogate
+           {0xF4, 0x90, 0x80, 0x80, 0},  // past the last
+           {0xE2, 0x82, 0},              // cut off
+       }) {
+    EXPECT_TRUE(says(changed(kName, text), "record 0: an id and a name of UTF-8")) << std::data(text)[0];
+    EXPECT_TRUE(says(changed(40, text), "record 0: an id and a name of UTF-8")) << std::data(text)[0];
+  }
+  const std::initializer_list<int> far{0, 0, 0, 0, 0, 0, 0, 0x7F};
+  EXPECT_TRUE(says(changed(24, far), "snapshot: a time of its making between the years 1 and 9999"));
+  EXPECT_TRUE(says(changed(40 + 456, far), "record 0: a newest contribution between the years 1 and 9999"));
+  EXPECT_TRUE(says(changed(40 + 464, {0, 0, 0, 0, 0, 0, 0, 0x80}), "record 0: a state between the years"));
+  EXPECT_TRUE(says(changed(kLnH0, {0, 0, 0, 0, 0, 0, 0x69, 0x40}), "record 0: logarithms of noise below 200"));  // 200
+  EXPECT_THROW(static_cast<void>(write_snapshot({}, std::numeric_limits<std::int64_t>::max())), std::invalid_argument);
+}
+
 TEST(SopCatalog, RefusesToWriteWhatCannotBeRead) {
   const auto refused = [](const SopSource& one) {
     EXPECT_THROW(static_cast<void>(write_snapshot({&one, 1}, 0)), std::invalid_argument);

@@ -24,14 +24,14 @@ enum class SopKind : std::uint8_t { kOther = 0, kCdma, kGps, kIridium, kLte, kOf
 
 /// A source as the shared database knows it, at one time. Times are microseconds of UTC as POSIX counts, from 1970.
 struct SopSource {
-  std::string id;    ///< the database's, 1 to 40 bytes
-  std::string name;  ///< UTF-8, at most 400 bytes
+  std::string id;    ///< the database's, printable too, 1 to 40 bytes
+  std::string name;  ///< UTF-8 without control characters, at most 400 bytes
   SopKind kind = SopKind::kOther;
   double carrier_hz = 0.0;
   std::uint32_t contributions = 0;  ///< that it is fused from
   std::int64_t newest_us = 0;       ///< of the newest of them
   std::int64_t at_us = 0;           ///< of position, clock and noise
-  char grade = 'D';                 ///< 'A' to 'D'
+  char grade = 'D';                 ///< 'A' to 'D', when the snapshot was made
   std::optional<SopPosition> position;
   std::optional<SopClock> clock;  ///< offset [s], drift [s/s]; its t_s is not used
   std::optional<SopNoise> noise;
