@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import struct
+import zlib
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,7 @@ def test_a_body_reads_and_comes_back() -> None:
         ("source.name", "", "at least 1 character"),
         ("source.name", "   ", "not only blanks"),
         ("source.name", "x" * 101, "at most 100 characters"),
+        ("source.name", "\U0001d160" * 34, "at most 100 characters of normal form NFC expected, got 102"),
         ("source.name", "a\x00b", "U+0000"),
         ("source.name", "a\u202eb", "U+202E"),
         ("source.name", 5, "valid string"),
@@ -83,6 +85,10 @@ def test_a_body_reads_and_comes_back() -> None:
         ("position.covariance_m2", [[1, 2, 0], [2, 1, 0], [0, 0, 1]], "positive semi-definite"),
         ("position.covariance_m2", [[1, 0.5, 0], [0.4, 1, 0], [0, 0, 1]], "symmetric"),
         ("position.covariance_m2", [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "positive semi-definite"),
+        ("position.covariance_m2", [["4", 1, 0], [1, 9, 0], [0, 0, 1]], "a number expected"),
+        ("position.covariance_m2", [[True, 0, 0], [0, 9, 0], [0, 0, 1]], "a number expected"),
+        ("clock.covariance", [[True, 0], [0, 1e-22]], "a number expected"),
+        ("noise.ln_covariance", [[1, "0"], [0, 1]], "a number expected"),
         ("clock.epoch", "2026-03-01T12:00:00", "with its zone"),
         ("clock.epoch", "yesterday", "a time of ISO 8601"),
         ("clock.epoch", 1772366400, "a time of ISO 8601"),
@@ -176,8 +182,58 @@ def test_a_snapshot_answers_as_the_service_does() -> None:
     assert catalog.sources(later, kind="lte") == []
     with pytest.raises(ValueError, match="id = e must be one"):
         catalog.source("e")
-    with pytest.raises(ValueError, match="must not be before"):
-        catalog.source("b", NOON - timedelta(seconds=1))
+
+
+def test_grades_of_a_snapshot_fall_with_age() -> None:
+    source = answered("a")
+    for kept, expected in (("A", "ABBCD"), ("B", "BBBCD"), ("C", "CCCCD"), ("D", "DDDDD")):
+        source["quality"] = source["quality"] | {"grade": kept}
+        catalog = snapshot.Catalog(snapshot.encode([source], NOON))
+        days = (1.0, 1.1, 7.0, 30.0, 30.1)
+        found = [catalog.source("a", NOON + timedelta(days=d))["quality"]["grade"] for d in days]
+        assert "".join(found) == expected
+    late = snapshot.Catalog(snapshot.encode([source | {"quality": source["quality"] | {"grade": "A"}}], NOON))
+    assert late.source("a", NOON - timedelta(days=40))["quality"]["grade"] == "A"
+
+
+def test_a_time_before_the_snapshot_is_answered_as_cpp_does() -> None:
+    catalog = snapshot.Catalog(snapshot.encode([answered("a"), answered("b", part="noise")], NOON))
+    before = NOON - timedelta(days=3, microseconds=7)
+    for name in catalog:
+        prior, source = catalog.prior(name, before), catalog.source(name, before)
+        assert prior.clock is not None
+        assert prior.position is not None
+        clock = source["clock"]
+        assert clock["epoch"] == before.isoformat().replace("+00:00", "Z")
+        assert np.allclose(prior.clock.value / 299_792_458.0, [clock["bias_s"], clock["drift"]], rtol=1e-9, atol=0)
+        scaled = prior.clock.covariance / 299_792_458.0**2
+        assert np.allclose(scaled, clock["covariance"], rtol=1e-9, atol=0)
+        assert clock["covariance"][0][1] < 0.0
+        assert np.allclose(prior.position.covariance, source["position"]["covariance_m2"], rtol=1e-9, atol=0)
+    assert [source["id"] for source in catalog.sources(before)] == ["a", "b"]
+    clock = answered("a")["clock"] | {"epoch": NOON.replace(year=9000).isoformat()}
+    ahead = snapshot.Catalog(snapshot.encode([answered("a") | {"clock": clock}], NOON))
+    with pytest.raises(ValueError, match="a time nearer to"):
+        ahead.source("a", NOON)
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "sentence"),
+    [
+        (24, (2**62).to_bytes(8, "little"), "a time of its making between the years 1 and 9999"),
+        (40 + 456, (2**62).to_bytes(8, "little"), "record 0: a newest contribution between"),
+        (40 + 464, (-(2**62)).to_bytes(8, "little", signed=True), "record 0: a state between"),
+        (40 + 584, struct.pack("<d", 1e6), "record 0: logarithms of noise below 200"),
+        (40, b"\xff", "record 0: an id and a name of UTF-8 without control characters"),
+        (80, b"\x1b[2J", "record 0: an id and a name of UTF-8 without control characters"),
+    ],
+)
+def test_a_snapshot_that_cannot_be_shown_is_refused(at: int, value: bytes, sentence: str) -> None:
+    data = bytearray(snapshot.encode([answered("a")], NOON))
+    data[at : at + len(value)] = value
+    data[36:40] = zlib.crc32(data[:36] + data[40:]).to_bytes(4, "little")
+    with pytest.raises(ValueError, match=sentence):
+        snapshot.Catalog(bytes(data))
 
 
 def test_python_and_cpp_bring_a_clock_to_the_same_time() -> None:

@@ -162,6 +162,32 @@ def test_a_snapshot_is_read_again(api: Api, tmp_path: Path) -> None:
     assert (again.status_code, again.content) == (304, b"")
 
 
+def test_a_snapshot_made_again_has_the_same_etag_and_grades_of_its_day(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soopnav_cpp.sopdb import snapshot
+
+    api.contribute(characterization())
+    first = api.get("/v1/snapshot")
+    assert snapshot.Catalog(first.content).source("1")["quality"]["grade"] == "C"
+
+    class Later(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Any:
+            return datetime.now(tz) + timedelta(days=40)
+
+    monkeypatch.setattr(answers_module, "datetime", Later)
+    second = answers_module.Answers(api.store).snapshot()
+    assert second.body != first.content
+    assert second.etag == first.headers["etag"]
+    catalog = snapshot.Catalog(second.body)
+    assert catalog.created - snapshot.Catalog(first.content).created > timedelta(days=39)
+    assert catalog.source("1")["quality"]["grade"] == "D"
+    assert catalog._core.source("1")["grade"] == "D"  # as C++ reads it
+    api.contribute(characterization("another"))
+    assert answers_module.Answers(api.store).snapshot().etag != second.etag
+
+
 def test_etags(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(answers_module.time, "time_ns", lambda: 1_900_000_000_500_000_000)
     api.contribute(characterization())

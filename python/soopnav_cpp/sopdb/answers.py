@@ -20,7 +20,7 @@ from soopnav_cpp.sopdb.auth import Grant
 from soopnav_cpp.sopdb.fusion import SourceState, fuse, stability
 from soopnav_cpp.sopdb.rendering import Rendered, zulu
 from soopnav_cpp.sopdb.schema import from_us
-from soopnav_cpp.sopdb.snapshot import encode
+from soopnav_cpp.sopdb.snapshot import encode, timeless
 from soopnav_cpp.sopdb.store import Search, Store
 
 __all__ = ["Answer", "Answers"]
@@ -193,19 +193,24 @@ class Answers:
         return self._answer(json.dumps(value), found, at, minute + b"|stability")
 
     def snapshot(self) -> Answer:
-        """Every source in the form of `snapshot`, each at the time of its newest contribution."""
+        """Every source in the form of `snapshot`, each at the time of its newest contribution, graded now.
+
+        The ETag is that of the sources: making the same again, later, does not change it.
+        """
         bodies = self._kept.bodies
         answer = bodies.get("snapshot")
         if answer is None:
             sources: list[dict[str, Any]] = []
+            created = datetime.now(timezone.utc)
             after: tuple[float, int] | None = None
             while True:
                 ids, after = self._store.find(Search(), after, 500)
-                texts = [self._source(one, one.state.at, zulu(one.state.at)) for one in self._sources(ids)]
-                sources.extend(map(json.loads, texts))
+                for one in self._sources(ids):
+                    said = json.loads(self._source(one, one.state.at, zulu(one.state.at)))
+                    sources.append(said | json.loads(f"{{{one.quality(created)}}}"))
                 if after is None:
                     break
-            body = encode(sources, datetime.now(timezone.utc))
-            answer = Answer(body, f'"{_digest(body)}"')
+            body = encode(sources, created)
+            answer = Answer(body, f'"{_digest(timeless(body))}"')
             _keep(bodies, "snapshot", answer, _MOST_BODIES)
         return answer

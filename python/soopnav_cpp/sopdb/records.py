@@ -49,11 +49,7 @@ STORED: dict[str, Any] = {"stored": True}
 _EARLIEST = datetime(1980, 1, 6, tzinfo=timezone.utc)  # GPS time's own beginning
 _LEAST_RADIUS_M = 6.2e6  # below the deepest of the sea floor by a hundred kilometres
 _MOST_RADIUS_M = 5e7  # past geostationary satellites
-
-_Pair = tuple[float, float]
-_Triple = tuple[float, float, float]
-Matrix2 = tuple[_Pair, _Pair]
-Matrix3 = tuple[_Triple, _Triple, _Triple]
+_MOST_CHARACTERS = 100
 
 
 def utc(value: object) -> datetime:
@@ -86,6 +82,8 @@ def _text(value: str) -> str:
     value = unicodedata.normalize("NFC", value).strip()
     if not value:
         raise ValueError("text expected, not only blanks")
+    if len(value) > _MOST_CHARACTERS:  # some characters are longer in this form
+        raise ValueError(f"at most {_MOST_CHARACTERS} characters of normal form NFC expected, got {len(value)}")
     for character in value:
         if unicodedata.category(character).startswith("C"):
             raise ValueError(f"text without control characters expected, got U+{ord(character):04X}")
@@ -124,8 +122,12 @@ def _covariance(matrix: Sequence[Sequence[float]], low: Sequence[float], high: S
 
 
 Number = Annotated[float, pydantic.BeforeValidator(_number)]
-Text = Annotated[str, pydantic.Field(min_length=1, max_length=100), pydantic.AfterValidator(_text)]
+Text = Annotated[str, pydantic.Field(min_length=1, max_length=_MOST_CHARACTERS), pydantic.AfterValidator(_text)]
 Time = Annotated[datetime, pydantic.BeforeValidator(utc)]
+_Pair = tuple[Number, Number]
+_Triple = tuple[Number, Number, Number]
+Matrix2 = tuple[_Pair, _Pair]
+Matrix3 = tuple[_Triple, _Triple, _Triple]
 
 
 class _Record(pydantic.BaseModel):
@@ -145,7 +147,7 @@ class Source(_Record):
 class Position(_Record):
     """Antenna, ECEF, within 5e7 m of the Earth's centre and not deep inside it."""
 
-    p_e_m: tuple[Number, Number, Number]
+    p_e_m: _Triple
     covariance_m2: Matrix3
 
     @pydantic.field_validator("p_e_m")

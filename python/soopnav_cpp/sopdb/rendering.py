@@ -7,10 +7,9 @@ which is the engine's, goes through arrays.
 
 from __future__ import annotations
 
-import functools
 import json
 import math
-from datetime import datetime, timedelta, timezone
+from datetime import datetime
 
 import numpy as np
 
@@ -19,22 +18,15 @@ from soopnav_cpp.sopdb.fusion import (
     ASSUMED_NOISE,
     LN_WALK_PER_S,
     POSITION_WALK_M2PS,
-    Entry,
     Estimate,
     SourceState,
-    answer_quality,
 )
-from soopnav_cpp.sopdb.records import Characterization
+from soopnav_cpp.sopdb.grading import grade
 from soopnav_cpp.sopdb.store import FusedRow
 
 __all__ = ["Rendered", "zulu"]
 
-_DAY_S = 86400.0
-_MOST_DAYS = 400
 _MOST_LN_VARIANCE = 25.0
-#: A contribution that holds when it came: a voice of `answer_quality`, of which only the time matters.
-_SILENT = Characterization.model_construct(clock=None)
-_ORIGIN = datetime(2000, 1, 1, tzinfo=timezone.utc)
 
 
 def zulu(at: datetime) -> str:
@@ -44,13 +36,6 @@ def zulu(at: datetime) -> str:
 
 def _text(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-
-
-@functools.cache
-def _grade(voices: int, days: int) -> str:
-    """The grade of contributors whose newest word is at most so many days old, and more than one day less."""
-    entries = [Entry("", str(voice), _ORIGIN, _SILENT) for voice in range(voices)]
-    return str(answer_quality(entries, _ORIGIN + timedelta(days=days))["grade"])
 
 
 class _Grown:
@@ -106,8 +91,7 @@ class Rendered:
     def quality(self, at: datetime) -> str:
         """The part about quality; its time may be before the state's."""
         age_s = max(0.0, (at - self.state.at).total_seconds())
-        grade = _grade(min(self.voices, 3), min(math.ceil(age_s / _DAY_S), _MOST_DAYS))
-        return f'{self._newest}{age_s!r},"grade":"{grade}"}}'
+        return f'{self._newest}{age_s!r},"grade":"{grade(self.voices, age_s)}"}}'
 
     def at(self, at: datetime, text: str) -> str:
         """The source at a time that is not before the state's; `text` is that time's."""

@@ -21,14 +21,16 @@ from soopnav_cpp import geometry
 from soopnav_cpp._core import navigation as _navigation
 from soopnav_cpp.clock import ClockNoise
 from soopnav_cpp.sopdb.fusion import Estimate, SourceState
+from soopnav_cpp.sopdb.grading import aged
 from soopnav_cpp.sopdb.records import AnsweredSource
 
-__all__ = ["SUFFIX", "Catalog", "Prior", "encode", "read", "write"]
+__all__ = ["SUFFIX", "Catalog", "Prior", "encode", "read", "timeless", "write"]
 
 SUFFIX = ".sopcat"
 _ORIGIN = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _MICROSECOND = timedelta(microseconds=1)
 _LIGHT_MPS = 299_792_458.0
+_HEADER_BYTES, _RECORD_BYTES, _GRADE_AT, _CREATED_AT = 40, 624, 442, 24  # cpp/doc/signal_database.md
 
 
 def _microseconds(at: datetime) -> int:
@@ -116,6 +118,35 @@ def encode(sources: Iterable[Mapping[str, Any]], created: datetime) -> bytes:
     return _navigation.sop_write_snapshot([_record(source) for source in sources], _microseconds(created))
 
 
+def timeless(data: bytes) -> bytes:
+    """A snapshot without what changes while no source does: when it was made, the checksum, and grades, which fall."""
+    out = bytearray(data)
+    out[_CREATED_AT:_HEADER_BYTES] = bytes(_HEADER_BYTES - _CREATED_AT)
+    grades = slice(_HEADER_BYTES + _GRADE_AT, None, _RECORD_BYTES)
+    out[grades] = bytes(len(out[grades]))
+    return bytes(out)
+
+
+def _at(state: SourceState, at: datetime) -> SourceState:
+    """The state at any time: before its own as far back as `SourceState.moved` goes forth, like C++'s ``prior``."""
+    if at >= state.at:
+        return state.moved(at)
+    try:
+        later = state.at + (state.at - at)
+    except OverflowError:
+        raise ValueError(f"at = {at.isoformat()}: a time nearer to {state.at.isoformat()} expected") from None
+    found = SourceState(state.at, state.position, _mirrored(state.clock), state.noise).moved(later)
+    return SourceState(at, found.position, _mirrored(found.clock), found.noise)
+
+
+def _mirrored(clock: Estimate | None) -> Estimate | None:
+    """A clock in a time that runs backwards: the drift's sign turns."""
+    if clock is None:
+        return None
+    sign = np.array([1.0, -1.0])
+    return Estimate(sign * clock.value, np.outer(sign, sign) * clock.covariance)
+
+
 class Catalog:
     """Sources of a snapshot.
 
@@ -152,12 +183,15 @@ class Catalog:
         return _time(self._core.created_us)
 
     def source(self, source_id: str, at: datetime | None = None) -> dict[str, Any]:
-        """A source as the service would answer it, brought up to `at` (without it at the snapshot's own time).
+        """A source as the service would answer it, brought to `at` (without it as the snapshot has it).
+
+        At a time before the snapshot's state of it the clock is run back, and every covariance grows all the same. The
+        grade falls with age, as the service's does, and is never better than when the snapshot was made.
 
         Raises
         ------
         ValueError
-            For an id that is not there, or a time before the snapshot's state of it.
+            For an id that is not there.
         """
         found = self._core.source(source_id)
         parts = {
@@ -165,8 +199,9 @@ class Catalog:
         }
         state = SourceState(_time(found["at_us"]), **parts)
         if at is not None:
-            state = state.moved(at)
+            state = _at(state, at)
         newest = _time(found["newest_us"])
+        age_s = max(0.0, ((at or self.created) - newest).total_seconds())
         return {
             "id": found["id"],
             "kind": found["kind"],
@@ -176,8 +211,8 @@ class Catalog:
             "quality": {
                 "contributions": found["contributions"],
                 "newest": newest.isoformat().replace("+00:00", "Z"),
-                "age_s": max(0.0, ((at or self.created) - newest).total_seconds()),
-                "grade": found["grade"],
+                "age_s": age_s,
+                "grade": aged(found["grade"], age_s),
             },
         }
 
