@@ -174,6 +174,27 @@ def test_tokens_are_made_listed_and_ended() -> None:
     assert "copy.sqlite3 exists" in run("backup", "copy.sqlite3", *db, code=2).output
 
 
+def test_a_database_that_is_not_there_is_not_made() -> None:
+    for arguments in (["backup", "out.db"], ["token", "list"], ["token", "revoke", "aaaaaaaaaa"]):
+        for url in ("sqlite:///absent.db", "absent.db"):
+            assert "absent.db: no such database" in run(*arguments, "--db", url, code=2).output
+    assert list(Path().iterdir()) == []
+
+
+def test_hostile_names_do_not_steer_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    from soopnav_cpp.cli import sopdb
+
+    source: dict[str, Any] = dict.fromkeys(("position", "clock", "noise"))
+    quality = {"contributions": 1, "age_s": None, "grade": "D"}
+    source |= {"id": "1", "kind": "fm", "name": "a\x1b[2J\x9bm\u00e9", "carrier_hz": 1e8, "quality": quality}
+    sopdb._print_source(source)
+    sopdb._print_table([source])
+    out = capsys.readouterr().out
+    assert "a\\u001b[2J\\u009bm\u00e9, 100" in out
+    assert "\x1b[2J" not in out
+    assert "\x9b" not in out
+
+
 def test_serve_answers_until_it_is_told_to_end() -> None:
     command = [sys.executable, "-c", "from soopnav_cpp.cli import main; main()", "sopdb", "serve", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -200,5 +221,6 @@ def test_serve_answers_until_it_is_told_to_end() -> None:
 
 def test_serve_says_what_it_cannot_do() -> None:
     assert "sqlite or postgresql expected" in run("serve", "--db", "mysql://x/y", code=2).output
+    assert "an octal mode expected" in run("serve", "--unix", "x", "--unix-mode", "9", code=2).output
     assert "cannot assign" in run("serve", "--host", "203.0.113.1", "--port", "0", code=2).output
     assert "a new path expected" in run("serve", "--unix", write_text("file", ""), code=2).output

@@ -65,7 +65,16 @@ def _degrees(context: click.Context, parameter: click.Parameter, value: str | No
     return latitude, longitude
 
 
-def _open(db: str) -> Any:
+def _mode(context: click.Context, parameter: click.Parameter, value: str) -> int:
+    """``660``."""
+    del context, parameter
+    if not (1 <= len(value) <= 4 and set(value) <= set("01234567") and int(value, 8) <= 0o777):
+        raise click.BadParameter(f"{value}: an octal mode expected, such as 660")
+    return int(value, 8)
+
+
+def _open(db: str, *, there: bool = False) -> Any:
+    """The database; with `there` one that is there already: a mistyped name must not make an empty one."""
     from soopnav_cpp._extras import require
 
     require("sqlalchemy", "sopdb", "the signal database")
@@ -73,6 +82,10 @@ def _open(db: str) -> Any:
     from soopnav_cpp.sopdb.database import DatabaseUnavailableError
     from soopnav_cpp.sopdb.store import Store
 
+    if there and (db.startswith("sqlite:///") or "://" not in db):
+        file = Path(db.removeprefix("sqlite:///"))
+        if not file.exists():
+            raise ValueError(f"{file}: no such database")
     try:
         return Store(db)
     except DatabaseUnavailableError as error:
@@ -103,12 +116,27 @@ def sopdb() -> None:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free.")
 @click.option("--unix", type=click.Path(path_type=Path), metavar="PATH", help="A Unix socket in place of both.")
+@click.option(
+    "--unix-mode",
+    callback=_mode,
+    default="660",
+    show_default=True,
+    metavar="OCTAL",
+    help="Who may connect to it: by default its owner and its group.",
+)
 @click.option("--public-read", is_flag=True, help="Anybody may read; writing needs a token all the same.")
 @click.option("--https", is_flag=True, help="A proxy in front speaks HTTPS: browsers are told to insist on it.")
 @click.option("--proxies", metavar="ADDRESSES", help="Of proxies that are believed who asks, with commas between.")
 @sentences
 def serve(
-    db: str, host: str, port: int, unix: Path | None, public_read: bool, https: bool, proxies: str | None
+    db: str,
+    host: str,
+    port: int,
+    unix: Path | None,
+    unix_mode: int,
+    public_read: bool,
+    https: bool,
+    proxies: str | None,
 ) -> None:
     """Answer requests until interrupted.
 
@@ -131,7 +159,7 @@ def serve(
         server.serve(
             store,
             ServiceSettings(public_read=public_read, https=https),
-            at=server.listen(host, port, unix=unix),
+            at=server.listen(host, port, unix=unix, unix_mode=unix_mode),
             proxies=proxies,
             log_level="warning",
             ready=lambda url: click.echo(f"answering at {url}", err=True),
@@ -311,7 +339,7 @@ def token_create(name: str, role: str, days: float | None, db: str) -> None:
 @sentences
 def token_list(db: str) -> None:
     """List the tokens, without their secrets."""
-    with _open(db) as store:
+    with _open(db, there=True) as store:
         rows = store.tokens()
     table = Table(box=None, pad_edge=False)
     for column in ("id", "name", "role", "made", "until", ""):
@@ -327,7 +355,7 @@ def token_list(db: str) -> None:
 @sentences
 def token_revoke(token_id: str, db: str) -> None:
     """End the token with ID at once."""
-    with _open(db) as store:
+    with _open(db, there=True) as store:
         if not store.revoke_token(token_id):
             raise ValueError(f"no token {token_id} that has not ended; soopnav sopdb token list names them")
     click.echo(f"{token_id}: ended")
@@ -339,7 +367,7 @@ def token_revoke(token_id: str, db: str) -> None:
 @sentences
 def backup(out: Path, db: str) -> None:
     """Copy the whole database into the new file OUT while it is in use (SQLite; for PostgreSQL there is pg_dump)."""
-    with _open(db) as store:
+    with _open(db, there=True) as store:
         store.backup(out)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
@@ -370,6 +398,11 @@ def copy_database(source: str, target: str) -> None:
         raise ValueError(str(error)) from error
     for name in ("sources", "contributions", "tokens", "audit"):
         click.echo(f"{name:<13}  {counts[name]}")
+
+
+def _shown(text: str) -> str:
+    """Text of another's for a terminal: what would steer it is written out."""
+    return "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in text)
 
 
 def _many(count: int, what: str) -> str:
@@ -439,7 +472,7 @@ def _print_table(sources: Sequence[Any]) -> None:
         table.add_row(
             source["id"],
             source["kind"],
-            source["name"],
+            _shown(source["name"]),
             f"{source['carrier_hz'] / 1e6:.3f}",
             _place_text(source["position"]),
             _clock_text(source["clock"])[0],
@@ -453,7 +486,7 @@ def _print_table(sources: Sequence[Any]) -> None:
 def _print_source(source: Any) -> None:
     position, clock, noise, quality = (source[name] for name in ("position", "clock", "noise", "quality"))
     rows = [
-        ("source", f"{source['id']}: {source['kind']} {source['name']}, {source['carrier_hz'] / 1e6:.6f} MHz"),
+        ("source", f"{source['id']}: {source['kind']} {_shown(source['name'])}, {source['carrier_hz'] / 1e6:.6f} MHz"),
         ("place", f"{_place_text(position)}, height {position['height_m']:.1f} m" if position else "not known"),
     ]
     if clock is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import copy
+import errno
 import ipaddress
 import logging
 import os
@@ -18,6 +20,7 @@ from typing import Any
 
 import uvicorn
 import uvicorn.config
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from soopnav_cpp.sopdb.auth import HideTokens
 from soopnav_cpp.sopdb.service import create_app
@@ -28,9 +31,12 @@ __all__ = ["listen", "serve"]
 
 _CONNECTIONS = 1000
 _HEADER_BYTES = 32_768
+_HEADER_S = 10.0
 
 
-def listen(host: str = "127.0.0.1", port: int = 8765, *, unix: str | Path | None = None) -> socket.socket:
+def listen(
+    host: str = "127.0.0.1", port: int = 8765, *, unix: str | Path | None = None, unix_mode: int = 0o660
+) -> socket.socket:
     """A socket that listens, and is inherited by nobody.
 
     Parameters
@@ -39,24 +45,19 @@ def listen(host: str = "127.0.0.1", port: int = 8765, *, unix: str | Path | None
     port : int
         0: any that is free.
     unix : path, optional
-        A Unix socket in place of both. What an earlier server left there is removed.
+        A Unix socket in place of both. What an earlier server left there is removed, unless it still listens.
+    unix_mode : int
+        Who may connect to it: everybody who may write to it, by default the owner and the group.
 
     Raises
     ------
     ValueError
-        For a port that cannot be, and a path that is something else than a socket.
+        For a port that cannot be, a path that is something else than a socket, and a mode that is none.
     OSError
         When the address is in use, or not this machine's.
     """
     if unix is not None:
-        path = Path(unix)
-        if path.exists():
-            if not stat.S_ISSOCK(path.stat().st_mode):
-                raise ValueError(f"unix is {path}, which is a file; a new path expected")
-            path.unlink()
-        found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        found.bind(str(path))
-        return found
+        return _listen_unix(Path(unix), unix_mode)
     if not 0 <= port <= 65535:
         raise ValueError(f"port is {port}; it must be in [0, 65535]")
     try:
@@ -72,6 +73,70 @@ def listen(host: str = "127.0.0.1", port: int = 8765, *, unix: str | Path | None
         found.close()
         raise
     return found
+
+
+def _listen_unix(path: Path, mode: int) -> socket.socket:
+    if not 0 <= mode <= 0o777:
+        raise ValueError(f"unix_mode is {mode:o}; it must be in [0, 777], octal")
+    if path.exists():
+        if not stat.S_ISSOCK(path.stat().st_mode):
+            raise ValueError(f"unix is {path}, which is a file; a new path expected")
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
+            other.settimeout(1.0)
+            try:
+                other.connect(str(path))
+            except ConnectionRefusedError:
+                path.unlink()  # nobody listens
+            else:
+                raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE), str(path))
+    found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        found.bind(str(path))
+        path.chmod(mode)  # nobody connects before it listens
+    except BaseException:
+        found.close()
+        raise
+    return found
+
+
+def _inode(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+class _Impatient(H11Protocol):
+    """Closes a connection whose request, once it may begin, has not all of its head after `_HEADER_S`.
+
+    Half a request would otherwise hold its connection for ever, and a thousand of them the service.
+    """
+
+    _waiting: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._rest()
+        super().connection_lost(exc)
+
+    def _watch(self) -> None:
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._rest()
+        elif self._waiting is None:
+            self._waiting = self.loop.call_later(_HEADER_S, self.transport.close)
+
+    def _rest(self) -> None:
+        if self._waiting is not None:
+            self._waiting.cancel()
+            self._waiting = None
 
 
 def serve(
@@ -101,6 +166,7 @@ def serve(
     """
     sock = at or listen()
     address = sock.getsockname()
+    own = _inode(Path(address)) if isinstance(address, str) and address else None
     if isinstance(address, (str, bytes)):
         url = f"unix:{os.fsdecode(address)}"
     else:
@@ -115,6 +181,7 @@ def serve(
     config = uvicorn.Config(
         create_app(store, settings),
         loop="asyncio",
+        http=_Impatient,
         lifespan="off",
         log_level=log_level,
         log_config=_logging(),
@@ -135,7 +202,7 @@ def serve(
     finally:
         sys.setswitchinterval(interval_s)
         sock.close()
-        if isinstance(address, str) and address:
+        if own is not None and own == _inode(Path(address)):  # another server may have taken the path since
             Path(address).unlink(missing_ok=True)
 
 
