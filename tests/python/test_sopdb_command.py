@@ -195,6 +195,7 @@ def test_hostile_names_do_not_steer_the_terminal(capsys: pytest.CaptureFixture[s
     assert "\x9b" not in out
 
 
+@pytest.mark.slow  # the commands of the page start, ask and end the same service
 def test_serve_answers_until_it_is_told_to_end() -> None:
     command = [sys.executable, "-c", "from soopnav_cpp.cli import main; main()", "sopdb", "serve", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
