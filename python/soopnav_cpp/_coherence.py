@@ -152,12 +152,14 @@ def mean_squared_coherence(
     Raises
     ------
     ValueError
-        For infinite phases, times that are no multiples, or a confidence outside (0, 1).
+        For infinite phases, no run, times that are no multiples, or a confidence outside (0, 1).
     """
     phase = np.asarray(phase_cycles, np.float64)
     if phase.ndim not in (1, 2):
         raise ValueError(f"phase_cycles: shape (n,) or (runs, n) expected, got {phase.shape}")
     runs, length = (1, len(phase)) if phase.ndim == 1 else phase.shape
+    if not runs:
+        raise ValueError(f"phase_cycles: at least one run expected, got shape {phase.shape}")
     if tau_s is None:
         samples = _clock.coherence_samples(length, 10)
     else:

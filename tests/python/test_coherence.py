@@ -232,3 +232,8 @@ def test_correlated_cells_alarm_no_more_often():
     independent = sn.dsp.detection_threshold(1, sn.dsp.cell_false_alarm(total, 16))
     found = float((np.abs(spectrum[:, ::4]) ** 2 > independent).any(axis=1).mean())
     assert found == pytest.approx(total, abs=4.0 * math.sqrt(total * (1 - total) / 4000))
+
+
+def test_no_run_is_refused_by_its_shape():
+    with pytest.raises(ValueError, match=r"phase_cycles: at least one run expected, got shape \(0, 5\)"):
+        mean_squared_coherence(np.zeros((0, 5)), 0.1)
