@@ -18,6 +18,7 @@ from sopdb_api import Api
 from sopdb_bodies import characterization, clock, noise, position
 
 from soopnav_cpp.sopdb import answers as answers_module
+from soopnav_cpp.sopdb import store as store_module
 from soopnav_cpp.sopdb.contributing import Contributor
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import Entry, SourceState, answer_quality
@@ -439,6 +440,12 @@ def test_ids_that_cannot_be(shared: Api, id: str) -> None:
     assert shared("DELETE", f"/v1/tokens/{id}").status_code in (404, 422)
 
 
+def test_ids_are_digits_alone(shared: Api) -> None:
+    for one in ("1.0", "01", "+1", "%201", "1_0", "%D9%A1"):
+        assert shared.get(f"/v1/sources/{one}").status_code == 422
+        assert shared.post(f"/v1/characterizations/{one}/reject").status_code == 422
+
+
 def test_what_is_not_known(shared: Api) -> None:
     for path in ("/v1/sources/77", "/v1/sources/77/stability", "/v1/sources/77/contributions", "/v2"):
         answer = shared.get(path)
@@ -469,6 +476,33 @@ def test_keys_make_a_retry_one(api: Api) -> None:
     for key in ("", "x" * 201, "a b", b"\xff"):
         assert api.contribute(body, headers={"Idempotency-Key": key}).status_code == 422
     assert api.store.counts()["contributions"] == 1
+
+
+def test_keys_are_kept_as_long_as_the_settings_say(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "_PRUNE_S", 0.0)
+    said = {"headers": {"Idempotency-Key": "k"}}
+    brief = Api(api.store, idempotency_s=1e-6)
+    brief.store._prune_at_s = 0.0
+    assert brief.contribute(characterization("a"), **said).status_code == 201
+    assert brief.contribute(characterization("b"), **said).status_code == 201
+    kept = Api(api.store)
+    assert kept.contribute(characterization("c"), **said).status_code == 201
+    assert kept.contribute(characterization("d"), **said).status_code == 409
+
+
+def test_a_name_at_several_places_needs_a_position(api: Api) -> None:
+    api.contribute(characterization())
+    api.contribute(characterization(position=position(48.2, 16.4)))
+    answer = api.contribute(characterization(position=None))
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "position"
+
+
+def test_bodies_come_as_they_are(shared: Api) -> None:
+    for coding, status in (("gzip", 415), ("br", 415), ("identity", 422)):
+        headers = {"Content-Type": "application/json", "Content-Encoding": coding}
+        answer = shared.post("/v1/characterizations", content="{}", headers=headers)
+        assert answer.status_code == status
 
 
 def test_only_json_is_taken(shared: Api) -> None:

@@ -234,6 +234,24 @@ def test_identity(lite: Store, first: dict[str, Any], second: dict[str, Any], sa
 
 
 @pytest.mark.unit
+def test_a_name_at_several_places_needs_a_position(lite: Store) -> None:
+    give(lite, characterization())
+    give(lite, characterization(position=position(48.2, 16.4), clock=clock(55.0)), BOB)
+    with pytest.raises(matching.AmbiguousError, match="position needed"):
+        give(lite, characterization(position=None, clock=clock(50.0)), CID)
+    there = characterization(position=position(48.2, 16.4), clock=clock(45.0))
+    assert give(lite, there, CID)["source_id"] == "2"
+    assert lite.counts() == {"sources": 2, "contributions": 3}
+
+
+@pytest.mark.unit
+def test_the_audit_trail_takes_what_does_not_print(store: Store) -> None:
+    store.note(ANN, "refused", "DELETE /v1/tokens/\0aaa", "403: \x1b[2Jé").result(30.0)
+    line = store.audit()[0]
+    assert (line["target"], line["outcome"]) == ("DELETE /v1/tokens/\\x00aaa", "403: \\x1b[2Jé")
+
+
+@pytest.mark.unit
 def test_a_second_name_is_remembered(lite: Store) -> None:
     give(lite, characterization("Radio 1", "fm"))
     assert give(lite, characterization("YLE", "fm", clock=clock(55.0)), BOB)["source_id"] == "1"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Select, bindparam, func, select, text, update
+from sqlalchemy import Executable, Subquery, bindparam, func, select, text, update
 from sqlalchemy.orm import Session
 
 from soopnav_cpp.sopdb import spatial
@@ -49,9 +49,8 @@ _OF_STATUS = (
 )
 
 
-def _counting(candidates: Select[tuple[int, int]]) -> Select[tuple[int, str | None, int, str, bytes]]:
+def _counting(ranked: Subquery) -> Executable:
     """Rows of those that `fusion.counting` would choose."""
-    ranked = candidates.subquery()
     return (
         select(
             Contribution.id, Contribution.token_id, Contribution.received_us, Contribution.body, Contribution.body_hash
@@ -63,8 +62,8 @@ def _counting(candidates: Select[tuple[int, int]]) -> Select[tuple[int, str | No
     )
 
 
-_ENTRIES = _counting(_OF_STATUS)
-_ENTRIES_BY_RULE = _counting(_OF_STATUS.where(Verdict.decided_by == "rule"))
+_ENTRIES = _counting(_OF_STATUS.subquery())
+_ENTRIES_BY_RULE = _counting(_OF_STATUS.where(Verdict.decided_by == "rule").subquery())
 _OF_SIGNAL = (
     select(Source.id, Fused.state)
     .join(Fused, Fused.source_id == Source.id, isouter=True)
@@ -145,16 +144,21 @@ def bump(session: Session) -> int:
     return int(session.execute(_BUMP).scalar_one())
 
 
+def _printable(said: str) -> str:
+    """Text that every database takes and every terminal shows as it is."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in said)
+
+
 def note(session: Session, who: Contributor, action: str, target: str, outcome: str) -> None:
-    """A line of the audit trail."""
+    """A line of the audit trail, what does not print in it written as in Python."""
     session.add(
         Audit(
             at_us=now_us(),
-            actor=who.token_id[:40],
-            address=who.address[:64],
-            action=action[:40],
-            target=target[:100],
-            outcome=outcome[:200],
+            actor=_printable(who.token_id)[:40],
+            address=_printable(who.address)[:64],
+            action=_printable(action)[:40],
+            target=_printable(target)[:100],
+            outcome=_printable(outcome)[:200],
         )
     )
 
@@ -267,6 +271,8 @@ def take(
     ------
     ConflictError
         For a key that came with another body.
+    AmbiguousError
+        For a name that sources at several places go by, without a position.
     """
     if key is not None:
         before = session.get(Idempotency, (who.token_id, key))

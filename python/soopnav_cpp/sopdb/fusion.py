@@ -424,9 +424,10 @@ def judge(new: Entry, accepted: Sequence[Entry], quarantined: Sequence[Entry] = 
     """Whether a new characterisation is believed.
 
     It is quarantined when it is `impossible`, or when its position, its clock at its own epoch or its noise disagree
-    with the fused rest, or with that of other contributors, at a probability below `GATE` in all. A majority can overturn: when more contributors (each one voice,
-    and only with independent characterisations) say what the new one says than say otherwise, theirs are accepted and
-    the others quarantined. So a first liar does not lock out the honest, nor does a single later liar displace them.
+    with the fused rest, or with that of other contributors, at a probability below `GATE` in all. A majority can
+    overturn: when more contributors (each one voice, and only with independent characterisations) say what the new one
+    says than say otherwise, theirs are accepted and the others quarantined. So a first liar does not lock out the
+    honest, nor does a single later liar displace them.
 
     Parameters
     ----------

@@ -184,6 +184,8 @@ async def read_json(request: Request, *, max_bytes: int, max_depth: int, timeout
     RefusedError
         408, 413, 415, and 422 as `strict_json`.
     """
+    if request.headers.get("content-encoding", "").strip().lower() not in ("", "identity"):
+        raise RefusedError(415, "Content-Encoding must be left out: bodies come as they are")
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":
         raise RefusedError(415, "Content-Type must be application/json")

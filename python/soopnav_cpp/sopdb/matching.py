@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BY_PLACE", "CARRIER_TOLERANCE", "FAR_M", "NEAR_M", "Known", "match", "name_key"]
+__all__ = ["BY_PLACE", "CARRIER_TOLERANCE", "FAR_M", "NEAR_M", "AmbiguousError", "Known", "match", "name_key"]
 
 CARRIER_TOLERANCE = 5e-6
 FAR_M = 100e3
@@ -24,6 +24,10 @@ _GATE = 21.108  # chi-square of three degrees of freedom, 1e-4 above
 BY_PLACE = frozenset({"ofdm", "fm", "other"})
 
 _Array = npt.NDArray[np.float64]
+
+
+class AmbiguousError(ValueError):
+    """A name that sources at several places go by, and no position to choose by."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,11 @@ def match(kind: str, p_e_m: _Array | None, covariance_m2: _Array | None, known: 
         Where the characterisation has it.
     known : list of Known
         Sources of that kind and carrier, in the order they came.
+
+    Raises
+    ------
+    AmbiguousError
+        Without a position, for a name that is at several places.
     """
 
     def distance_m(candidate: Known) -> float:
@@ -59,8 +68,10 @@ def match(kind: str, p_e_m: _Array | None, covariance_m2: _Array | None, known: 
         return float(np.linalg.norm(p_e_m - candidate.p_e_m))
 
     named = [c for c in known if c.same_name and distance_m(c) <= FAR_M]
+    if p_e_m is None and sum(c.p_e_m is not None for c in named) > 1:
+        raise AmbiguousError("position needed: several sources have this name")
     if named:
-        return min(named, key=distance_m).source_id
+        return min(named, key=lambda c: (c.p_e_m is None, distance_m(c))).source_id
     if kind not in BY_PLACE or p_e_m is None or covariance_m2 is None:
         return None
     nearest: tuple[float, int] | None = None

@@ -13,6 +13,7 @@ from fastapi import Depends, FastAPI, Path, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse, Response
+from pydantic import BeforeValidator
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
@@ -22,6 +23,7 @@ from soopnav_cpp.sopdb.contributing import ConflictError, Contributor, Outcome
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.guard import Guard, Headers
 from soopnav_cpp.sopdb.limits import RefusedError, read_json, validated
+from soopnav_cpp.sopdb.matching import AmbiguousError
 from soopnav_cpp.sopdb.page import add_page
 from soopnav_cpp.sopdb.records import AnsweredSource, Characterization, Kind
 from soopnav_cpp.sopdb.schema import from_us, to_us
@@ -34,7 +36,15 @@ __all__ = ["create_app"]
 _T = TypeVar("_T")
 _SNAPSHOT = "application/octet-stream"
 _LOG = logging.getLogger("soopnav.sopdb")
-_Id = Annotated[int, Path(ge=1, le=2**63 - 1)]
+
+
+def _whole(value: object) -> object:
+    if isinstance(value, str) and not (value.isascii() and value.isdigit() and value[0] != "0"):
+        raise ValueError("a whole number from 1 on expected, digits alone")
+    return value
+
+
+_Id = Annotated[int, BeforeValidator(_whole), Path(ge=1, le=2**63 - 1)]
 _At = Annotated[str | None, Query(max_length=40, description="A time of UTC in ISO 8601; without it, now.")]
 _Cursor = Annotated[str | None, Query(max_length=200, description="`next_cursor` of the page before.")]
 
@@ -44,6 +54,7 @@ class _Service:
 
     def __init__(self, store: Store, settings: ServiceSettings) -> None:
         self.store = store
+        store.keep_keys(settings.idempotency_s)
         self.settings = settings
         self.answers = Answers(store, settings.fresh_s)
         self.guard = Guard(store, self.answers, settings)
@@ -138,6 +149,9 @@ def _add_refusals(app: FastAPI) -> None:
     async def conflict(_: Request, error: Exception) -> Response:
         return RefusedError(409, str(error), [("Idempotency-Key", "came with another body before")]).response()
 
+    async def ambiguous(_: Request, error: Exception) -> Response:
+        return RefusedError.of_fields([("position", str(error))]).response()
+
     async def unavailable(request: Request, error: Exception) -> Response:
         _LOG.error("%s %s: %s (%s)", request.method, request.url.path, error, error.__cause__)
         return RefusedError(503, f"{error}; try again in a moment", headers={"Retry-After": "2"}).response()
@@ -145,6 +159,7 @@ def _add_refusals(app: FastAPI) -> None:
     app.add_exception_handler(RefusedError, refused)
     app.add_exception_handler(HTTPException, http)
     app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(AmbiguousError, ambiguous)
     app.add_exception_handler(ConflictError, conflict)
     app.add_exception_handler(DatabaseUnavailableError, unavailable)
     app.add_exception_handler(BusyError, unavailable)

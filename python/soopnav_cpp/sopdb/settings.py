@@ -57,7 +57,7 @@ class ServiceSettings:
     fresh_s : float
         Other processes' writes are seen after this long at the latest; writes of this process at once.
     idempotency_s : float
-        How long the answer to an ``Idempotency-Key`` is kept.
+        How long the answer to an ``Idempotency-Key`` is kept; up to an hour longer.
     https : bool
         Reached by HTTPS only (a proxy in front): browsers are told to insist (HSTS).
 

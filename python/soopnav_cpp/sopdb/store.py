@@ -10,6 +10,7 @@ import hashlib
 import json
 import sqlite3
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
@@ -47,6 +48,7 @@ __all__ = ["OPERATOR", "FusedRow", "Search", "Store", "body_hash"]
 #: Who works on the database itself, without a token.
 OPERATOR = Contributor("<operator>")
 _MOST_ID = 2**63 - 1
+_PRUNE_S = 3600.0  # between looks for answers kept long enough
 _T = TypeVar("_T")
 
 
@@ -99,7 +101,7 @@ class Store:
     migrate : bool
         Bring the schema up to date first. Otherwise a database at another revision is refused.
     idempotency_s : float
-        How long answers are kept for retries.
+        How long answers are kept for retries (`keep_keys`).
 
     Raises
     ------
@@ -131,7 +133,9 @@ class Store:
         self._watch: sqlite3.Connection | None = None
         if self.sqlite:
             self._watch = sqlite3.connect(str(self.engine.url.database), isolation_level=None, check_same_thread=False)
-        self._write(lambda session: _prune(session, idempotency_s))
+        self._kept_s = idempotency_s
+        self._prune_at_s = 0.0
+        self._write(self._prune)
 
     def __enter__(self) -> Store:
         return self
@@ -163,7 +167,7 @@ class Store:
     def contribute(self, body: Characterization, who: Contributor, *, key: str | None = None) -> Future[Outcome]:
         """Take in a contribution; the future is set when it is on the disk.
 
-        Its exceptions: `contributing.ConflictError`, `DatabaseUnavailableError`.
+        Its exceptions: `contributing.ConflictError`, `matching.AmbiguousError`, `DatabaseUnavailableError`.
 
         Raises
         ------
@@ -171,7 +175,22 @@ class Store:
             When too many writes wait.
         """
         digest = body_hash(body)
-        return self._writer.submit(lambda session: contributing.take(session, body, who, key, digest, self._entries))
+
+        def job(session: Session) -> Outcome:
+            self._prune(session)
+            return contributing.take(session, body, who, key, digest, self._entries)
+
+        return self._writer.submit(job)
+
+    def keep_keys(self, seconds: float) -> None:
+        """Keep the answers to keys of contributions this long from now on, and up to an hour longer."""
+        self._kept_s = seconds
+
+    def _prune(self, session: Session) -> None:
+        if time.monotonic() >= self._prune_at_s:
+            before_us = now_us() - int(self._kept_s * 1e6)
+            session.execute(delete(Idempotency).where(Idempotency.created_us < before_us))
+            self._prune_at_s = time.monotonic() + _PRUNE_S
 
     def decide(self, contribution_id: int, status: str, who: Contributor) -> Future[Outcome | None]:
         """Accept or reject a contribution whatever the rules said; None when there is none of that id.
@@ -406,7 +425,3 @@ class Store:
         finally:
             source.close()
             target.close()
-
-
-def _prune(session: Session, kept_s: float) -> None:
-    session.execute(delete(Idempotency).where(Idempotency.created_us < now_us() - int(kept_s * 1e6)))
