@@ -466,3 +466,93 @@ def test_the_announced_is_opened_and_noise_is_replaced() -> None:
     assert not nav.set_clock_noise(None, (-1.0, 0.0))
     nav.step(12.1, [])
     assert nav.clock_covariance[0, 0] > before + 1e-12
+
+
+def stage_errors(seed: int, sky: list[sn.geometry.SampledOrbit]) -> tuple[float, float, float]:
+    """NEES of all, of the position and of the clock bias: six satellites and two masts, 17 states of pesyna's stages.
+
+    Every truth is drawn from the prior that the navigator is given.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.asarray(0.5 * np.arange(40), np.float64)
+    place = PLACE + 3.0 * rng.normal(size=3)
+    start = np.array([3000.0, 30.0]) * rng.normal(size=2) / LIGHT_MPS
+    own = TwoState.tcxo().simulate_at(t, seed=seed, stream=1, bias_s=float(start[0]), drift=float(start[1]))
+    nav = OpportunisticNavigator(
+        PLACE,
+        position_sigma_m=3.0,
+        clock=TwoState.tcxo(),
+        clock_bias_sigma_s=3000.0 / LIGHT_MPS,
+        clock_drift_sigma=30.0 / LIGHT_MPS,
+        max_sources=8,
+        fault_probability=1e-10,
+    )
+    truth = [*place, own.drift[-1] * LIGHT_MPS, own.bias_m[-1]]
+    phase, code = [], []
+    for k in range(8):
+        gamma = 100.0 * rng.normal()
+        known: dict[str, Any] = {"carrier_hz": 1575.42e6 if k < 6 else CARRIER_HZ, "ambiguity_sigma_cycles": 100.0}
+        bias, drift = np.zeros(len(t)), np.zeros(len(t))
+        if k < 6:
+            orbit = sky[k]
+            known |= {"orbit": orbit}
+        else:
+            mast = masts(8)[k]
+            orbit = sn.geometry.SampledOrbit.fixed(mast)
+            offset = np.array([1e-6, 1e-10]) * rng.normal(size=2)
+            run = TwoState.ocxo().simulate_at(
+                t, seed=seed, stream=10 + k, bias_s=float(offset[0]), drift=float(offset[1])
+            )
+            bias, drift = run.bias_m, run.drift * LIGHT_MPS
+            known |= {"position_e_m": mast, "clock": TwoState.ocxo()}
+            known |= {"clock_bias_sigma_s": 1e-6, "clock_drift_sigma": 1e-10}
+            truth += [drift[-1], bias[-1]]
+        truth.append(gamma)
+        path = sn.geometry.signal_path(orbit, t - own.bias_m / LIGHT_MPS, np.tile(place, (len(t), 1)))
+        metres = path.range_m + own.bias_m - bias + drift * (own.bias_m / LIGHT_MPS + path.delay_s)
+        phase.append(metres * known["carrier_hz"] / LIGHT_MPS + gamma + PHASE_SIGMA * rng.normal(size=len(t)))
+        code.append(metres + rng.normal(size=len(t)))
+        nav.add_source(f"S{k}", "any", **known)
+    found = go(nav, t, np.transpose(phase), np.transpose(code))
+    assert found.slips == 0
+    P, error = nav.covariance, nav.mean - np.array(truth)
+    assert len(P) == 17
+
+    def nees(part: slice) -> float:
+        scale = 1.0 / np.sqrt(np.diag(P)[part])
+        return float(
+            (scale * error[part]) @ np.linalg.solve(scale[:, None] * P[part, part] * scale, scale * error[part])
+        )
+
+    return nees(slice(None)), nees(slice(0, 3)), nees(slice(4, 5))
+
+
+def test_seventeen_states_of_a_stage_are_as_good_as_they_say() -> None:
+    walker = sn.orbits.walker(
+        24, 6, 2, inclination_rad=np.radians(55.0), altitude_m=20_200e3, start_s=-30.0, duration_s=90.0
+    )
+    elevation = sn.orbits.elevations(walker, np.array([0.0]), PLACE)[1][:, 0]
+    sky = [walker[i] for i in np.argsort(-elevation)[:6]]
+    runs = 40
+    errors = np.array([stage_errors(seed, sky) for seed in range(runs)]).mean(axis=0)
+    for name, value, dim in zip(("all", "position", "clock"), errors, (17, 3, 1), strict=True):
+        low, high = sn.estimation.mean_nees_bounds(dim, runs, failure_probability=1e-4)
+        assert low < value < high, name
+
+
+@pytest.mark.parametrize("offset", [1e5, -1e9])
+def test_a_first_phase_far_beyond_its_prior_moves_nothing_else(offset: float) -> None:
+    nav = with_masts()
+    t, phase, code = heard(nav, 40)
+    run = go(nav, t[:-1], phase[:-1], code[:-1])
+    before, sigma = nav.mean, np.sqrt(np.diag(nav.covariance))
+    place = masts(7)[6]
+    late = nav.add_source("late", "cdma", carrier_hz=CARRIER_HZ, position_e_m=place, ambiguity_sigma_cycles=100.0)
+    expected = nav.expected(t[-1], {"source": late, "kind": "phase"})
+    assert expected is not None
+    report = nav.step(t[-1], [{"source": late, "kind": "phase", "value": expected[0] + offset, "sigma": PHASE_SIGMA}])
+    assert run.slips == 0
+    assert report.slips == 1
+    assert report.uses == (ObservableUse.SLIP,)
+    assert np.max(np.abs(nav.mean[: len(before)] - before)[:3] / sigma[:3]) < 1e-3
+    assert nav.source(late).ambiguity_cycles == pytest.approx(offset, abs=10.0)

@@ -39,8 +39,11 @@ RUNS = 100
 EPOCHS, STEP_S = 250, 0.5
 FIRST_EVENT, MOST, LEAST = 10, 12, 5
 ACCELERATION = 0.02  # (m/s²)²/Hz of each axis
-PHASE_SIGMA_CYCLES, RANGE_SIGMA_M = 2e-3, 2.0
-START_SIGMA_M, MAST_SIGMA_M = 3.0, 1.0
+# Masts at 4 to 12 km bend: the filter's limits with a start known to metres are doc/opportunistic_navigation.md section
+# 2's, and what is checked here is its bookkeeping, where linear models hold.
+PHASE_SIGMA_CYCLES, RANGE_SIGMA_M = 1e-2, 2.0
+START_SIGMA_M, MAST_SIGMA_M = 0.5, 0.1
+FAULT_PROBABILITY = 1e-10
 CHECKS = (25, 70, 115, 160, 205, 249)
 
 
@@ -198,7 +201,7 @@ def comings(seed: int, form: str) -> Comings:
         acceleration_psd_m2ps3=ACCELERATION,
         max_sources=MOST + 2,
         form="joseph" if form == "joseph" else "square_root",
-        fault_probability=1e-9,
+        fault_probability=FAULT_PROBABILITY,
     )
     present: dict[int, Signal] = {}
     counted = {"joins": 0, "leaves": 0, "faults": 0}
@@ -282,7 +285,7 @@ def any_size(lab: Lab) -> Iterator[Claim]:
     )
     yield Claim("joins in the run with the fewest", min(r.joins for r in runs), at_least(100))
     yield Claim("leaves in the run with the fewest", min(r.leaves for r in runs), at_least(100))
-    # 250 epochs x 18 observables x 100 runs at 1e-9, and jumps: none in 1e4 such experiments.
+    # 250 epochs x 18 observables x 100 runs at 1e-10: one in 2e4 such experiments; jumps have to explain more.
     yield Claim("observables taken for faults, all runs", sum(r.faults for r in runs), at_most(0))
     yield Claim("largest asymmetry of a covariance", max(r.asymmetry for r in [*runs, *other]), at_most(0.0))
     yield Claim(
