@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kLeastLogWeight = -34.5;  // 1e-15 of the likeliest
 constexpr std::size_t kCandidatesEach = 8;
+constexpr double kLargestInteger = 1e15;
 
 void require(bool ok, const char* name, double value, const char* rule) {
   if (!ok) {
@@ -152,12 +153,12 @@ BurstStatus PhaseStitcher::branch(const PhaseBurst& burst, double dt) noexcept {
     Hypothesis h = now_[i];
     predict(h, dt);
     const double S = h.P[0] + R, sigma = std::sqrt(S), y = z - h.x[0];
+    const auto room = static_cast<double>(candidates_.capacity() - candidates_.size());
+    if (!(2.0 * M * gate * sigma <= room + 1.0)) return BurstStatus::kGapTooLong;
     // n / M within the gate of y; doubles hold these integers exactly for any phase a receiver counts.
     const double low = std::ceil(M * (y - gate * sigma)), high = std::floor(M * (y + gate * sigma));
-    if (!(std::abs(low) < 1e15 && std::abs(high) < 1e15)) return BurstStatus::kGapTooLong;
-    if (high - low + 1.0 > static_cast<double>(candidates_.capacity() - candidates_.size())) {
-      return BurstStatus::kGapTooLong;
-    }
+    if (!(std::abs(low) < kLargestInteger && std::abs(high) < kLargestInteger)) return BurstStatus::kOutlier;
+    if (high - low + 1.0 > room) return BurstStatus::kGapTooLong;
     for (double n = low; n <= high; n += 1.0) {
       Hypothesis updated = h;
       double log_weight = h.log_weight + stitch_update(updated, 0, y - n / M, R);
@@ -169,7 +170,7 @@ BurstStatus PhaseStitcher::branch(const PhaseBurst& burst, double dt) noexcept {
       candidates_.push_back({static_cast<int>(i), static_cast<std::int64_t>(n), log_weight});
     }
   }
-  if (candidates_.empty()) return BurstStatus::kOutlier;
+  if (candidates_.empty() || !std::isfinite(largest)) return BurstStatus::kOutlier;
   double all = 0.0, kept = 0.0;
   for (Candidate& c : candidates_) all += std::exp(c.log_weight -= largest);
   const std::size_t most = std::min<std::size_t>(candidates_.size(), static_cast<std::size_t>(options_.hypotheses));
@@ -268,6 +269,9 @@ BurstStatus PhaseStitcher::push(const PhaseBurst& burst) noexcept {
       std::isfinite(burst.predicted_rate_cyclesps) && !std::isinf(burst.frequency_hz) &&
       (std::isnan(burst.frequency_hz) || (std::isfinite(burst.frequency_sigma_hz) && burst.frequency_sigma_hz > 0.0));
   if (!sound) return BurstStatus::kNotFinite;
+  if (!(options_.fractions * std::abs(burst.phase_cycles - burst.predicted_cycles) < kLargestInteger)) {
+    return BurstStatus::kOutlier;  // no integer of a double's is right: neither a miss nor a start
+  }
   if (now_.empty()) {
     start(burst);
     return BurstStatus::kStarted;

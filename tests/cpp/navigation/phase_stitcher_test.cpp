@@ -192,6 +192,36 @@ TEST(PhaseStitcher, OutliersAreLeftOutAndManyBeginAnew) {
   EXPECT_EQ(lost, 1);
 }
 
+TEST(PhaseStitcher, NoNumberOfOneBurstThrowsThePassAway) {
+  const Pass pass = make_pass(12, even_times(70));
+  PhaseStitcher clean(pass_options()), dirty(pass_options());
+  std::vector<StitchedBurst> a, b;
+  const auto spoil = [&dirty](const PhaseBurst& burst, double PhaseBurst::*field, double value) {
+    PhaseBurst bad = burst;
+    bad.*field = value;
+    EXPECT_EQ(dirty.push(bad), BurstStatus::kOutlier) << value;
+    EXPECT_TRUE(dirty.decided().empty());
+  };
+  for (const PhaseBurst& burst : pass.bursts) {
+    for (const double value : {1e16, -1e16, 1e300}) spoil(burst, &PhaseBurst::phase_cycles, value);
+    if (&burst != pass.bursts.data()) {
+      spoil(burst, &PhaseBurst::frequency_hz, 1e300);
+      spoil(burst, &PhaseBurst::predicted_rate_cyclesps, 1e300);
+    }
+    static_cast<void>(clean.push(burst));
+    a.insert(a.end(), clean.decided().begin(), clean.decided().end());
+    static_cast<void>(dirty.push(burst));
+    b.insert(b.end(), dirty.decided().begin(), dirty.decided().end());
+  }
+  EXPECT_EQ(dirty.waiting(), clean.waiting());
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t k = 0; k < a.size(); ++k) {
+    EXPECT_EQ(a[k].integer, b[k].integer);
+    EXPECT_EQ(a[k].fixed, b[k].fixed);
+    EXPECT_EQ(a[k].arc, b[k].arc);
+  }
+}
+
 TEST(PhaseStitcher, TooLongAGapBeginsAnotherArc) {
   const Pass pass = make_pass(10, even_times(80));
   PhaseStitcher stitcher(pass_options());

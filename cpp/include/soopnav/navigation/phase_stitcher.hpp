@@ -48,7 +48,7 @@ enum class BurstStatus : std::uint8_t {
   kStarted,     ///< the first one, of all or after a restart
   kNotFinite,   ///< NaN or infinity where a number is needed, or a sigma that is not positive; nothing changed
   kNotLater,    ///< not after the burst before it; nothing changed
-  kOutlier,     ///< fits no hypothesis; nothing changed
+  kOutlier,     ///< fits no hypothesis, or is 1e15 / M cycles and more from the prediction; nothing changed
   kGapTooLong,  ///< the prediction is too wide to tell integers apart: all undecided are left float, it starts anew
   kLost,        ///< the last of `outliers` bursts in a row that fit nothing: it starts anew
 };
