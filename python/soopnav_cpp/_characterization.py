@@ -49,24 +49,30 @@ def _oscillator(pair: npt.ArrayLike) -> TwoState:
     return TwoState(float(h0), float(h_minus_2))
 
 
+def _real(name: str, values: npt.ArrayLike) -> _Array:
+    if np.iscomplexobj(values):  # asarray would drop the imaginary part
+        raise ValueError(f"{name}: real numbers expected, got complex ones")
+    return np.asarray(values, np.float64)
+
+
 def _mixing(mixing: npt.ArrayLike | None, channels: int) -> _Array:
-    return np.eye(channels) if mixing is None else np.atleast_2d(np.asarray(mixing, np.float64))
+    return np.eye(channels) if mixing is None else np.atleast_2d(_real("mixing", mixing))
 
 
 def _covariance(phase_sigma_s: npt.ArrayLike, channels: int) -> _Array:
-    sigma = np.asarray(phase_sigma_s, np.float64)
+    sigma = _real("phase_sigma_s", phase_sigma_s)
     if sigma.ndim == 2:  # square of a full root would hide what was meant: a matrix is the covariance itself
         return sigma
-    if not (np.all(sigma > 0.0) and np.all(np.isfinite(sigma))):
+    if not np.all((sigma >= 1e-40) & (sigma <= 1e20)):
         raise ValueError(
-            f"phase_sigma_s = {phase_sigma_s!r}: positive and finite expected; "
+            f"phase_sigma_s = {phase_sigma_s!r}: positive and finite, 1e-40 ... 1e20 s, expected; "
             "white noise of a phase is known from C/N0 and is never zero"
         )
     return np.diag(np.broadcast_to(sigma, channels) ** 2)
 
 
 def _records(phase_s: npt.ArrayLike, mixing: npt.ArrayLike | None) -> tuple[_Array, _Array]:
-    phase = np.asarray(phase_s, np.float64)
+    phase = _real("phase_s", phase_s)
     if phase.ndim == 1:
         phase = phase[:, None]
     if phase.ndim != 2:
@@ -307,7 +313,8 @@ def characterize(
     Raises
     ------
     ValueError
-        For a sigma that is not positive, infinite phases, fewer than 8 whole epochs, or shapes that do not fit.
+        For a sigma outside 1e-40 ... 1e20 s, a step outside 1e-12 ... 1e12 s, phases that are complex, infinite or 1e60
+        sigmas, fewer than 8 whole epochs, or shapes that do not fit.
     """
     phase, mixed = _records(phase_s, mixing)
     given, estimated = _known(known, mixed.shape[1])
@@ -449,14 +456,18 @@ def error_allan_variance(
     dt_s, phase_sigma_s, clocks, mixing
         As `estimate_clocks`.
     factors : sequence of int
-        Averaging times in steps.
+        Averaging times in steps, each less than half of `epochs`.
     clock : int
         Whose.
 
     Returns
     -------
     ndarray, shape (len(factors),)
-        NaN for a factor that does not fit into the record.
+
+    Raises
+    ------
+    ValueError
+        As `estimate_clocks`, and for a factor that does not fit into the record.
     """
     mixed = _mixing(mixing, len(clocks))
     return _clock.error_allan_variance(
@@ -495,6 +506,11 @@ def iterate_noise(
     -------
     ndarray, shape (iterations + 1, k, 2)
         (h0, h-2) before each turn and after the last; not let below 1e-12 of the start.
+
+    Raises
+    ------
+    ValueError
+        As `estimate_clocks`, and for fewer than 8 whole epochs.
     """
     if analysis not in ("increments", "allan_fit"):
         raise ValueError(f"analysis = {analysis!r}: 'increments' or 'allan_fit' expected")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from soopnav_cpp._characterization import Characterization, _covariance, _mixing, _oscillator, _pair, _read_only
+from soopnav_cpp._characterization import Characterization, _covariance, _mixing, _oscillator, _pair, _read_only, _real
 from soopnav_cpp._core import clock as _clock
 
 if TYPE_CHECKING:
@@ -154,8 +154,9 @@ class NoiseBank:
         return self._core.log_likelihoods
 
     def push(self, phase_s: npt.ArrayLike) -> int:
-        """The next epochs' phases [s], shape (m,) or (n, m): how many were whole. Others are predicted across."""
-        return int(self._core.push(np.asarray(phase_s, np.float64)))
+        """The next epochs' phases [s], shape (m,) or (n, m): how many were whole. Others are predicted across:
+        a phase that is not finite or 1e60 sigmas."""
+        return int(self._core.push(_real("phase_s", phase_s)))
 
     def mean(self) -> tuple[TwoState, ...]:
         """Posterior mean of each clock's h0 and h-2: what a filter's Q takes."""

@@ -234,7 +234,6 @@ def test_the_smoothers_error_has_the_allan_variance_it_says():
         seen.append(sn.clock.allan_deviation(error, DT, taus=taus).deviation ** 2)
     stated = error_allan_variance(n, DT, SIGMA, [clock], factors)
     np.testing.assert_allclose(np.mean(seen, axis=0) / stated, 1.0, atol=0.12)
-    assert np.isnan(error_allan_variance(n, DT, SIGMA, [clock], [300])[0])
 
 
 def test_iteration_collapses_and_keeps_its_history():
@@ -278,6 +277,15 @@ def test_the_demonstrations_world():
         ({"phase_s": np.zeros(7)}, "at least 8"),
         ({"phase_s": np.full(100, NAN)}, "at least 8"),
         ({"phase_s": np.array([0.0, INF] + [0.0] * 20)}, "infinite"),
+        ({"phase_s": np.array([0.0, 0.0, 0.0, 1e160] + [0.0] * 20)}, r"phase_s\[3\] = 1e\+160"),
+        ({"phase_s": np.array([0.0, 0.0, 0.0, 1e300] + [0.0] * 20)}, r"phase_s\[3\] = 1e\+300"),
+        ({"phase_s": np.zeros(100) + 1j}, "phase_s: real"),
+        ({"mixing": [[1j]]}, "mixing: real"),
+        ({"dt_s": 1e-200}, "dt_s = 1e-200"),
+        ({"dt_s": 1e200}, "dt_s = 1e\\+200"),
+        ({"phase_sigma_s": 1e-200}, "phase_sigma_s = 1e-200"),
+        ({"phase_sigma_s": 1e200}, "phase_sigma_s = 1e\\+200"),
+        ({"phase_sigma_s": [[1e-200]]}, "phase noise: variance 1e-200"),
         ({"phase_s": np.zeros((4, 4, 4))}, "phase_s"),
         ({"mixing": [[1.0], [1.0]]}, "mixing"),
         ({"mixing": [[0.0]]}, "sees no clock"),
@@ -314,3 +322,33 @@ def test_other_refusals():
         estimate_clocks(np.zeros((20, 2)), DT, SIGMA, [OTHER], mixing=[[1.0], [1.0]])
     with pytest.raises(ValueError, match="clock = 1 of 1"):
         error_allan_variance(100, DT, SIGMA, [OTHER], [1], clock=1)
+    with pytest.raises(ValueError, match="factors: 20 steps"):
+        error_allan_variance(10, DT, SIGMA, [OTHER], [20])
+    with pytest.raises(ValueError, match="factors: 5 steps"):
+        error_allan_variance(10, DT, SIGMA, [OTHER], [1, 5])
+    with pytest.raises(ValueError, match="at least 8 whole epochs expected, got 3"):
+        iterate_noise(z[:3], DT, SIGMA, [OTHER])
+    huge = np.where(np.arange(100) == 3, 1e300, z)
+    with pytest.raises(ValueError, match=r"phase_s\[3\] = 1e\+300"):
+        estimate_clocks(huge, DT, SIGMA, [OTHER])
+    with pytest.raises(ValueError, match="phase_s: real"):
+        bank.push(z + 0j)
+
+
+def test_a_huge_phase_is_left_out_of_a_bank():
+    candidates = [[(3e-25, 3e-27)], [(1e-23, 1e-25)]]
+    bank, clean = (NoiseBank(candidates, DT, SIGMA) for _ in range(2))
+    z = phases(OTHER, 100, 1)
+    assert bank.push(np.where(np.arange(100) % 30 == 0, 1e200, z)) == 96
+    clean.push(np.where(np.arange(100) % 30 == 0, np.nan, z))
+    np.testing.assert_array_equal(bank.weights, clean.weights)
+    assert bank.weights.sum() == pytest.approx(1.0)
+
+
+def test_phases_up_to_the_bound_are_worked_with():
+    z = phases(OTHER, 100, 1)
+    z[50] = 1e45
+    found = characterize(z, DT, SIGMA)
+    assert np.isfinite(found.log_likelihood)
+    assert np.isfinite(found.ln_covariance).all()
+    assert np.isfinite(estimate_clocks(z, DT, SIGMA, [OTHER]).bias_s).all()

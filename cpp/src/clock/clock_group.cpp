@@ -120,12 +120,7 @@ ClockGroup::Pass ClockGroup::forward(std::span<const double> phase, std::size_t 
   std::size_t second = epochs;
   std::size_t last = 0;
   for (std::size_t k = 0; k < epochs; ++k) {
-    for (std::size_t i = 0; i < m; ++i) {
-      if (std::isinf(phase[k * m + i])) {
-        throw std::invalid_argument("phase_s[" + std::to_string(k) +
-                                    "] is infinite: finite numbers expected, NaN for a gap");
-      }
-    }
+    for (std::size_t i = 0; i < m; ++i) check_phase(phase[k * m + i], k, unit_s_);
     if (!whole(k)) continue;
     if (first == epochs) {
       first = k;
@@ -401,7 +396,11 @@ std::vector<double> ClockGroup::error_allan_variance(std::size_t clock, std::spa
   std::size_t longest = 0;
   for (const std::size_t factor : factors) {
     if (factor == 0) throw std::invalid_argument("factors: 0 steps is no averaging time");
-    if (2 * factor < epochs) longest = std::max(longest, 2 * factor);
+    if (factor >= (epochs + 1) / 2) {
+      throw std::invalid_argument("factors: " + std::to_string(factor) +
+                                  " steps need more than twice as many epochs, got " + std::to_string(epochs));
+    }
+    longest = std::max(longest, 2 * factor);
   }
   const std::vector<double> still(epochs * m, 0.0);
   const Pass pass = forward(still, epochs);
@@ -419,7 +418,6 @@ std::vector<double> ClockGroup::error_allan_variance(std::size_t clock, std::spa
   // Cov(e_k, e_k+j) = P_k L_kᵀ ... L_k+j-1ᵀ (I - N_k+j P_k+j), one row of it (doc/characterization.md eq. 18).
   std::vector<std::vector<double>> covariance(longest + 1);
   for (const std::size_t factor : factors) {
-    if (2 * factor >= epochs) continue;
     covariance[0].resize(epochs);
     covariance[factor].resize(epochs);
     covariance[2 * factor].resize(epochs);
@@ -448,10 +446,6 @@ std::vector<double> ClockGroup::error_allan_variance(std::size_t clock, std::spa
   }
   std::vector<double> out;
   for (const std::size_t factor : factors) {
-    if (2 * factor >= epochs) {
-      out.push_back(std::numeric_limits<double>::quiet_NaN());
-      continue;
-    }
     double sum = 0.0;
     const auto& c0 = covariance[0];
     const auto& c1 = covariance[factor];
@@ -519,12 +513,21 @@ Oscillator from_allan_fit(std::span<const double> bias, double dt_s) {
 std::vector<Oscillator> iterate_noise(std::span<const double> phase_s, const PhaseModel& model,
                                       std::span<const Oscillator> start, std::span<const std::size_t> estimated,
                                       NoiseAnalysis analysis, int iterations) {
+  check_model(model);
   std::vector<Oscillator> now(start.begin(), start.end());
   std::vector<Oscillator> out = now;
   for (const std::size_t c : estimated) {
     if (c >= now.size()) {
       throw std::invalid_argument("estimated: clock " + std::to_string(c) + " of " + std::to_string(now.size()));
     }
+  }
+  std::size_t whole = 0;
+  for (std::size_t k = 0; (k + 1) * model.channels <= phase_s.size(); ++k) {
+    const auto epoch = phase_s.subspan(k * model.channels, model.channels);
+    if (std::ranges::none_of(epoch, [](double z) { return std::isnan(z); })) ++whole;
+  }
+  if (whole < 8) {
+    throw std::invalid_argument("phase_s: at least 8 whole epochs expected, got " + std::to_string(whole));
   }
   for (int i = 0; i < iterations; ++i) {
     const ClockGroupRun run = ClockGroup(model, now).run(phase_s);

@@ -33,13 +33,10 @@ struct NoiseBank::Filters {
 
   void weigh() noexcept {
     double most = -std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < count; ++i) {
-      weights[i] = log_prior[i] + log_likelihood[i];
-      if (weights[i] > most) most = weights[i];
-    }
-    if (!std::isfinite(most)) return;
+    for (std::size_t i = 0; i < count; ++i) most = std::max(most, log_prior[i] + log_likelihood[i]);
+    if (!std::isfinite(most)) return;  // no candidate is left: the weights stay
     double sum = 0.0;
-    for (double& w : weights) sum += w = std::exp(w - most);
+    for (std::size_t i = 0; i < count; ++i) sum += weights[i] = std::exp(log_prior[i] + log_likelihood[i] - most);
     for (double& w : weights) w /= sum;
   }
 };
@@ -110,6 +107,11 @@ struct Bank final : NoiseBank::Filters {
       std::array<double, M> e{};
       for (std::size_t i = 0; i < M; ++i) e[i] = z[i] - c.x.bias[i];
       log_likelihood[n] -= 0.5 * (c.log_det + detail::dot(e, c.gain.factor.solve(e))) + constant;
+      if (!std::isfinite(log_likelihood[n])) {
+        c.broken = true;
+        log_likelihood[n] = -std::numeric_limits<double>::infinity();
+        continue;
+      }
       c.x.update(c.gain.to_bias, c.gain.to_drift, e);
     }
   }
@@ -173,7 +175,8 @@ bool NoiseBank::push(std::span<const double> phase_s) noexcept {
   Filters& f = *filters_;
   const std::size_t m = f.model.channels;
   if (f.whole > 0) ++f.steps;
-  if (phase_s.size() != m || !std::ranges::all_of(phase_s, [](double z) { return std::isfinite(z); })) return false;
+  const auto counts = [&f](double z) { return std::abs(z) / f.unit_s < kLargestPhase; };  // so do its squares
+  if (phase_s.size() != m || !std::ranges::all_of(phase_s, counts)) return false;
   if (f.whole == 0) std::copy_n(phase_s.begin(), m, f.first.begin());
   std::array<double, PhaseModel::kMaxChannels> z{};
   for (std::size_t i = 0; i < m; ++i) z[i] = (phase_s[i] - f.first[i]) / f.unit_s;

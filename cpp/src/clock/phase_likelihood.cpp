@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdio>
 #include <limits>
 #include <span>
 #include <stdexcept>
@@ -105,6 +106,12 @@ struct SensitivityMoment {
   }
 };
 
+std::string number(double value) {
+  std::array<char, 32> text{};
+  static_cast<void>(std::snprintf(text.data(), text.size(), "%g", value));
+  return text.data();
+}
+
 void check_sizes(const PhaseModel& model) {
   if (model.channels < 1 || model.channels > PhaseModel::kMaxChannels) {
     throw std::invalid_argument("channels = " + std::to_string(model.channels) + ": 1 ... " +
@@ -114,8 +121,8 @@ void check_sizes(const PhaseModel& model) {
     throw std::invalid_argument("clocks = " + std::to_string(model.clocks) + ": 1 ... " +
                                 std::to_string(PhaseModel::kMaxClocks) + " expected");
   }
-  if (!(model.dt_s > 0.0) || std::isinf(model.dt_s)) {
-    throw std::invalid_argument("dt_s = " + std::to_string(model.dt_s) + " must be positive and finite");
+  if (!(model.dt_s >= 1e-12 && model.dt_s <= 1e12)) {
+    throw std::invalid_argument("dt_s = " + number(model.dt_s) + ": 1e-12 ... 1e12 s expected");
   }
   const std::size_t m = model.channels;
   for (std::size_t i = 0; i < m; ++i) {
@@ -165,6 +172,24 @@ void check_model(const PhaseModel& model) {
         "phase noise: positive standard deviations, a positive definite covariance, expected; white noise of a phase "
         "is known from C/N0 and is never zero");
   }
+  for (std::size_t i = 0; i < model.channels; ++i) {
+    const double variance = model.covariance_s2[i * model.channels + i];
+    if (!(variance >= 1e-80 && variance <= 1e40)) {
+      throw std::invalid_argument("phase noise: variance " + number(variance) + " s² of record " + std::to_string(i) +
+                                  ": 1e-80 ... 1e40 expected");
+    }
+  }
+}
+
+void check_phase(double phase_s, std::size_t epoch, double unit_s) {
+  if (std::isinf(phase_s)) {
+    throw std::invalid_argument("phase_s[" + std::to_string(epoch) +
+                                "] is infinite: finite numbers expected, NaN for a gap");
+  }
+  if (std::abs(phase_s) / unit_s >= kLargestPhase) {
+    throw std::invalid_argument("phase_s[" + std::to_string(epoch) + "] = " + number(phase_s) + ": less than " +
+                                number(kLargestPhase) + " times the phases' noise (" + number(unit_s) + " s) expected");
+  }
 }
 
 PhaseLikelihood::PhaseLikelihood(std::span<const double> phase_s, const PhaseModel& model) : model_(model) {
@@ -185,10 +210,7 @@ PhaseLikelihood::PhaseLikelihood(std::span<const double> phase_s, const PhaseMod
     bool there = true;
     for (std::size_t i = 0; i < m; ++i) {
       const double z = phase_[k * m + i];
-      if (std::isinf(z)) {
-        throw std::invalid_argument("phase_s[" + std::to_string(k) +
-                                    "] is infinite: finite numbers expected, NaN for a gap");
-      }
+      check_phase(z, k, unit_s_);
       there = there && z == z;
     }
     if (there) {

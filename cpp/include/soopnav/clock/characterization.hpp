@@ -29,10 +29,17 @@ struct PhaseModel {
   double dt_s = 0.1;                                                ///< step of the records [s]
 };
 
+/// Phases reach up to this many standard deviations of their noise: beyond, squares of their sums overflow.
+inline constexpr double kLargestPhase = 1e60;
+
 /// Refuses a model that does not fit.
-/// @throws std::invalid_argument unless its sizes fit, dt_s is positive and finite, R is positive definite and every
-/// channel sees a clock.
+/// @throws std::invalid_argument unless its sizes fit, dt_s is within 1e-12 ... 1e12 s, R is positive definite of
+/// variances within 1e-80 ... 1e40 s² and every channel sees a clock.
 void check_model(const PhaseModel& model);
+
+/// Refuses a phase that is infinite or not below `kLargestPhase` times `unit_s`; NaN passes, it is a gap.
+/// @throws std::invalid_argument naming the epoch and the phase.
+void check_phase(double phase_s, std::size_t epoch, double unit_s);
 
 /// Log-likelihood at given clocks, and its derivatives by theta = (ln h0, ln h-2 of each estimated clock in turn).
 struct PhaseScore {
@@ -53,7 +60,8 @@ struct PhaseScore {
 class PhaseLikelihood {
  public:
   /// `phase_s`: epochs x channels, row by row [s].
-  /// @throws std::invalid_argument as check_model, and unless no phase is infinite and at least 8 epochs are whole.
+  /// @throws std::invalid_argument as check_model, and unless all phases are below `kLargestPhase` times their noise
+  /// and at least 8 epochs are whole.
   PhaseLikelihood(std::span<const double> phase_s, const PhaseModel& model);
 
   [[nodiscard]] const PhaseModel& model() const noexcept { return model_; }

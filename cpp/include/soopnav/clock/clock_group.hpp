@@ -38,13 +38,15 @@ class ClockGroup {
   [[nodiscard]] const PhaseModel& model() const noexcept { return model_; }
 
   /// `phase_s`: epochs x channels, row by row [s]; an epoch with a NaN is predicted across.
-  /// @throws std::invalid_argument for an infinite phase, no whole epochs or fewer than 2 of them.
+  /// @throws std::invalid_argument for a phase that is infinite or `kLargestPhase` times its noise, no whole epochs or
+  /// fewer than 2 of them.
   [[nodiscard]] ClockGroupRun run(std::span<const double> phase_s) const;
 
   /// Allan variance of the error of the smoothed bias of one clock at averaging times of `factors` steps, from the
-  /// smoother's covariance with its lags, mean over a record of `epochs` (doc/characterization.md eq. 19); NaN for a
-  /// factor that does not fit. The record's phases do not matter. O(epochs * largest factor).
-  /// @throws std::invalid_argument for a clock that is not there, a factor of 0 or fewer than 3 epochs.
+  /// smoother's covariance with its lags, mean over a record of `epochs` (doc/characterization.md eq. 19). The record's
+  /// phases do not matter. O(epochs * largest factor).
+  /// @throws std::invalid_argument for a clock that is not there, fewer than 3 epochs, a factor of 0 or one that
+  /// needs more: `epochs` > 2 factor.
   [[nodiscard]] std::vector<double> error_allan_variance(std::size_t clock, std::span<const std::size_t> factors,
                                                          std::size_t epochs) const;
 
@@ -70,7 +72,8 @@ enum class NoiseAnalysis : std::uint8_t {
 ///
 /// Returns the noise before each of the iterations and after the last: (iterations + 1) x clocks, row by row; known
 /// clocks stay. A coefficient is not let below 1e-12 of its start.
-/// @throws std::invalid_argument as ClockGroup, its run, and for an index beyond the clocks.
+/// @throws std::invalid_argument as ClockGroup, its run, for an index beyond the clocks and for fewer than 8 whole
+/// epochs.
 [[nodiscard]] std::vector<Oscillator> iterate_noise(std::span<const double> phase_s, const PhaseModel& model,
                                                     std::span<const Oscillator> start,
                                                     std::span<const std::size_t> estimated, NoiseAnalysis analysis,

@@ -27,14 +27,14 @@ class NoiseBank {
   NoiseBank& operator=(const NoiseBank&) = delete;
   ~NoiseBank();
 
-  /// The next epoch's phases, one for each channel [s]. False when the epoch is skipped: one of them is not finite, or
-  /// there are not as many as channels; the filters then predict across it.
+  /// The next epoch's phases, one for each channel [s]. False when the epoch is skipped: one of them is not finite or
+  /// `kLargestPhase` times its noise, or there are not as many as channels; the filters then predict across it.
   bool push(std::span<const double> phase_s) noexcept;
 
   [[nodiscard]] std::size_t candidates() const noexcept;
   [[nodiscard]] std::size_t innovations() const noexcept;  ///< whole epochs so far less two, 0 before
   [[nodiscard]] const PhaseModel& model() const noexcept;
-  /// Posterior probability of each candidate; sums to one.
+  /// Posterior probability of each candidate; sums to one. As before while no candidate has a finite likelihood.
   [[nodiscard]] std::span<const double> weights() const noexcept;
   /// Of each candidate, phases in seconds, without its prior; minus infinity where a variance was not positive.
   [[nodiscard]] std::span<const double> log_likelihoods() const noexcept;
