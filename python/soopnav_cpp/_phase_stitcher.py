@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,14 @@ __all__ = ["BurstStatus", "PhaseStitcher", "StitchedPhase", "stitch_phase"]
 _Array = npt.NDArray[np.float64]
 _LIGHT_MPS = 299_792_458.0
 _IRIDIUM_HZ = 1626.270833e6
+_REFUSED = [int(s) for s in (BurstStatus.NOT_FINITE, BurstStatus.NOT_LATER, BurstStatus.OUTLIER)]
+
+
+def _positive(name: str, values: npt.ArrayLike) -> None:
+    given = np.asarray(values, np.float64)
+    wrong = np.flatnonzero(given <= 0.0)  # NaN goes with a burst that has no number and is refused by itself
+    if wrong.size:
+        raise ValueError(f"{name}[{wrong[0]}] = {given.flat[wrong[0]]}: a positive number expected")
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,8 @@ class StitchedPhase:
         Whether it reached the asked probability.
     arc : ndarray of int64, shape (m,)
         Phases of one arc share their constant; each float step begins another.
+    status : ndarray of uint8, shape (n,)
+        `BurstStatus` of every burst that the call was given, also of those it refused.
     """
 
     burst: npt.NDArray[np.int64]
@@ -51,13 +61,17 @@ class StitchedPhase:
     posterior: _Array
     fixed: npt.NDArray[np.bool_]
     arc: npt.NDArray[np.int64]
+    status: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
     def __len__(self) -> int:
         return len(self.t_s)
 
     def __repr__(self) -> str:
         arcs = len(np.unique(self.arc))
-        return f"StitchedPhase({len(self)} bursts in {arcs} arcs, {np.count_nonzero(~self.fixed)} steps left float)"
+        float_steps = np.count_nonzero(~self.fixed)
+        refused = np.count_nonzero(np.isin(self.status, _REFUSED))
+        left_out = f", {refused} bursts refused" if refused else ""
+        return f"StitchedPhase({len(self)} bursts in {arcs} arcs, {float_steps} steps left float{left_out})"
 
 
 def _stitched(rows: _Array) -> StitchedPhase:
@@ -187,7 +201,7 @@ class PhaseStitcher:
                 raise ValueError(f"{name}: shape ({n},) expected, got {given.shape}")
             rows[:, k] = given
         status, decided = self._engine.push(rows)
-        return status, _stitched(decided)
+        return status, replace(_stitched(decided), status=status)
 
     def finish(self, *, early: bool = False) -> StitchedPhase:
         """Decides all that still wait and begins anew; `early` lets the posterior alone decide before the time."""
@@ -239,7 +253,18 @@ def stitch_phase(
     decision_bursts: int = 60,
     posterior: float = 0.999,
 ) -> StitchedPhase:
-    """All bursts of one pass at once; see `PhaseStitcher` and its `push`."""
+    """All bursts of one pass at once; see `PhaseStitcher` and its `push`.
+
+    What became of each burst is in the result's `status`.
+
+    Raises
+    ------
+    ValueError
+        As `PhaseStitcher` and `push`, and for a standard deviation that is not positive.
+    """
+    _positive("sigma_cycles", sigma_cycles)
+    if frequency_sigma_hz is not None:
+        _positive("frequency_sigma_hz", frequency_sigma_hz)
     stitcher = PhaseStitcher(
         carrier_hz=carrier_hz,
         clock=clock,

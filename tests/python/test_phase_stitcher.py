@@ -97,3 +97,37 @@ def test_options_out_of_range_are_refused(option, value):
 def test_shapes_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"^sigma_cycles: shape \(3,\) expected, got \(2,\)"):
         PhaseStitcher().push([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], [0.1, 0.1])
+
+
+def test_a_phase_that_is_no_receivers_leaves_the_pass_whole():
+    found = pesyna_iridium.burst_pass(5, 45.0)
+    measured = found.measured_cycles.copy()
+    measured[[0, 30]] = 1e16, -1e16
+    got = stitch_phase(
+        found.t_s, measured, SIGMA, found.frequency_hz, SIGMA_HZ, predicted_cycles=found.predicted_cycles,
+        predicted_rate_cyclesps=found.predicted_rate, clock=pesyna_iridium.CLOCK, decision_bursts=58,
+    )  # fmt: skip
+    assert got.fixed.all()
+    assert len(set(got.arc)) == 1
+    assert np.flatnonzero(got.status == BurstStatus.OUTLIER).tolist() == [0, 30]
+    assert got.status[1] == BurstStatus.STARTED
+    assert len(got) == 58
+    assert "2 bursts refused" in repr(got)
+
+
+def test_a_pass_says_what_became_of_each_burst():
+    got = stitch_phase([0.0, 0.09, 0.09, 0.18], [0.0, np.nan, 0.0, 0.0], 0.01)
+    assert got.status.tolist() == [
+        BurstStatus.STARTED, BurstStatus.NOT_FINITE, BurstStatus.ACCEPTED, BurstStatus.ACCEPTED,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("sigma", [0.0, -0.1])
+def test_standard_deviations_that_are_none_are_named(sigma):
+    t = np.arange(4.0)
+    with pytest.raises(ValueError, match=r"^sigma_cycles\[0\] = "):
+        stitch_phase(t, t, sigma)
+    with pytest.raises(ValueError, match=r"^sigma_cycles\[2\] = "):
+        stitch_phase(t, t, [0.1, 0.1, sigma, 0.1])
+    with pytest.raises(ValueError, match=r"^frequency_sigma_hz\[0\] = "):
+        stitch_phase(t, t, 0.1, t, sigma)
