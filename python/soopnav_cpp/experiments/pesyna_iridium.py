@@ -154,14 +154,16 @@ def taken(seed: int) -> tuple[float, float, float]:
     "pesyna-x1",
     title="Iridium's bursts stitched into one phase: integers by a bank of frequencies",
     source="beyond pesyna section IV-B.3, eq. (6)",
-    runs=600,
+    runs=1000,
 )
 def iridium_phase(lab: Lab) -> Iterator[Claim]:
-    """45 dB-Hz, and 40 to see what is flagged."""
+    """45 dB-Hz, and 40 to see what is flagged; 37.5 and 42.5 beside."""
     levels = (45.0, 42.5, 40.0, 37.5)
     # Whole passes go wrong together, about one in a thousand at 45 dB-Hz: 600 of them leave 99 % once in a million.
-    counts = {level: np.array(lab.map(one_pass, level, runs=lab.runs if level == 45.0 else 200)) for level in levels}
-    more = np.concatenate([counts[40.0], counts[37.5]])
+    # At 40 dB-Hz 898 of 24 000 had wrong steps, two of them called fixed (all 59): in 1000 runs about 37 are wrong and
+    # four of them called fixed would miss the condition, which happens to a few seeds in a million.
+    many = (45.0, 40.0)
+    counts = {level: np.array(lab.map(one_pass, level, runs=lab.runs if level in many else 200)) for level in levels}
     used = np.array(lab.map(taken, runs=20))
 
     example = burst_pass(lab.seeds[0], 45.0)
@@ -198,11 +200,14 @@ def iridium_phase(lab: Lab) -> Iterator[Claim]:
     )
     yield Claim("steps at 45 dB-Hz that are called fixed", float(first[:, 4].mean()), at_least(0.95))
     # By the posterior's limit a thousandth of the decided may be wrong; a tenth of the wrong ones is thousands apart.
-    yield Claim(
-        "wrong steps at 40 and 37.5 dB-Hz that are flagged and left float",
-        float(1.0 - more[:, 3].sum() / max(more[:, 2].sum(), 1)),
-        at_least(0.9),
-    )
+    wrong = {level: float(counts[level][:, 2].sum()) for level in (40.0, 37.5)}
+    yield Claim(f"wrong steps at 40 dB-Hz, of {lab.runs} passes: enough to count", wrong[40.0], at_least(100.0))
+    for level, runs in ((40.0, lab.runs), (37.5, 200)):
+        yield Claim(
+            f"wrong steps at {level:g} dB-Hz that are flagged and left float, {runs} passes",
+            float(1.0 - counts[level][:, 3].sum() / max(wrong[level], 1.0)),
+            at_least(0.9),
+        )
     yield Claim("spread of the stitched phase about the true one, worst of 20 passes [cycles]", float(used[:, 0].max()),
                 at_most(0.012))  # fmt: skip
     yield Claim(

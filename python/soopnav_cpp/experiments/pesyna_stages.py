@@ -56,6 +56,10 @@ STAGE_RUNS = 1000
 COMPARED = 8  # runs of the whole navigator beside the reduced one
 COHERENCE_RUNS = 300
 COHERENCE_TAU_S = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 120.0, 150.0, 180.0, 200.0])
+# Of 6000 runs each: how many have C²(100 s) < 0.5, and the least. "In every run" would fail once in 30 sets of 50; with
+# a steadier basestation of 2e-25 s, 2e-27 /s still once in 200 to 800 (tail by a generalised Pareto fit).
+BELOW_HALF = {"tcxo": 5, "ocxo": 4}
+LEAST = {"tcxo": 0.45, "ocxo": 0.44}
 AT_100_S = int(np.flatnonzero(COHERENCE_TAU_S == 100.0)[0])
 
 
@@ -327,11 +331,15 @@ def figure_11(lab: Lab) -> Iterator[Claim]:
                     at_least(0.8),
                 ),
                 Claim(
-                    f"{title}: share of runs with C²(100 s) ≥ 0.5 (one in thousands falls below)",
+                    f"{title}: share of runs with C²(100 s) ≥ 0.5 ({BELOW_HALF[name]} of 6000 measured fall below)",
                     float(np.mean(at_100_s >= 0.5)),
                     at_least(0.98),
                 ),
-                Claim(f"{title}: least C²(100 s) of all runs", float(at_100_s.min()), at_least(0.3)),
+                Claim(
+                    f"{title}: least C²(100 s) of all runs ({LEAST[name]} in those 6000)",
+                    float(at_100_s.min()),
+                    at_least(0.3),
+                ),
                 Claim(f"{title}: ⟨C²⟩ first drops below 0.5, 200 s when it does not", until.tau_s, above(100.0, "s")),
             ]
             if name == "tcxo":
