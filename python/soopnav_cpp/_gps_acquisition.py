@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -35,7 +36,7 @@ class AcquisitionStatus(enum.Enum):
     TOO_FEW_SAMPLES = 2
     """Nothing was searched."""
     NOT_FINITE = 3
-    """A sample is not finite, or all are zero: nothing was searched."""
+    """A sample is not finite or beyond 1e15, all are zero, or the statistic overflows: nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,7 @@ class Acquirer:
             For a PRN without code or samples that are not complex64. Too few samples or some that are not finite give
             a status.
         """
-        wanted = [prns] if isinstance(prns, int) else list(prns)
+        wanted = [operator.index(prn) for prn in (prns if isinstance(prns, Iterable) else [prns])]
         return [Acquisition(row[0], AcquisitionStatus(row[1]), *row[2:]) for row in self._core.search(iq, wanted)]
 
     @property

@@ -50,6 +50,7 @@ def test_acquire_finds_who_is_there():
     assert "PRN 7" in repr(found[7])
     assert "not found" in repr(found[3])
     assert acquire(iq[:100], RATE_HZ, 7)[0].status is AcquisitionStatus.TOO_FEW_SAMPLES
+    assert acquire(iq[:100], RATE_HZ, np.int64(7))[0].prn == 7
     with pytest.raises(ValueError, match="prn"):
         acquire(iq, RATE_HZ, 40)
     with pytest.raises(ValueError, match="kilohertz"):
