@@ -166,6 +166,21 @@ OpportunityLink::OpportunityLink(std::vector<OpportunityBand> bands, std::vector
     }
     delay_.push_back(std::move(delay));
     source_.push_back(std::move(bias));
+    check_slopes(k);
+  }
+}
+
+// Samples of a node step take their chips forwards: no delay may change by half of it.
+void OpportunityLink::check_slopes(std::size_t k) const {
+  for (std::size_t i = 1; i < receiver_.size(); ++i) {
+    if (std::abs(delay_[k][i] - delay_[k][i - 1]) < 0.5 * options_.step_s) continue;
+    const double receiver = receiver_[i] - receiver_[i - 1], sender = source_[k][i] - source_[k][i - 1];
+    const char* const rule = "changes the delay by half a step_s or more";
+    require_link(std::abs(receiver) < 0.25 * options_.step_s,
+                 options_.clock_bias_s.empty() ? "clock" : "clock_bias_s[" + std::to_string(i) + "]", receiver_[i],
+                 rule);
+    require_link(std::abs(sender) < 0.25 * options_.step_s, part_of("sources", k, "clock"), source_[k][i], rule);
+    require_link(false, part_of("sources", k, "orbit"), delay_[k][i], rule);
   }
 }
 
@@ -196,10 +211,13 @@ bool OpportunityLink::render_clean(std::size_t band, std::uint64_t first, std::s
         s.chips, s.bits,
         s.bits.empty() ? 1.0 : std::round(s.symbol_s * s.chip_rate_hz / static_cast<double>(s.chips.size())),
         static_cast<float>(std::sqrt(std::pow(10.0, s.cn0_dbhz / 10.0) / b.sample_rate_hz))};
-    // Code time is counted from a whole second, so that it keeps its digits at any start.
+    // Code time is counted from a whole second, in chips modulo the period of the bits, so that it keeps its digits at
+    // any start: fma gives what the product's rounding lost.
     const double whole = std::floor(options_.start_s);
-    const double codes_a_second = s.chip_rate_hz / static_cast<double>(s.chips.size());
-    const double start_chips = whole * codes_a_second * static_cast<double>(s.chips.size());
+    const double period = static_cast<double>(s.chips.size()) * rendering.codes_per_bit *
+                          static_cast<double>(std::max<std::size_t>(s.bits.size(), 1));
+    const double chips_then = whole * s.chip_rate_hz;
+    const double start_chips = std::fmod(chips_then, period) + std::fma(whole, s.chip_rate_hz, -chips_then);
     const double part = options_.start_s - whole;
     std::size_t done = 0;
     while (done < out.size()) {

@@ -10,6 +10,7 @@
 #include <functional>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "soopnav/clock/oscillator.hpp"
@@ -135,6 +136,51 @@ TEST(OpportunityLink, BlocksAndBandsDoNotChangeBits) {
   if (::soopnav::test::kAllocationsCounted) {
     EXPECT_EQ(::soopnav::test::allocations_of([&] { static_cast<void>(link.render(1, 0, whole)); }), 0);
   }
+}
+
+// Whole seconds are whole code periods: the start changes no chip, however far away it lies.
+TEST(OpportunityLink, ADistantStartKeepsItsDigits) {
+  const Eigen::Vector3d at = kHere + Eigen::Vector3d(2000.0, -7000.0, 300.0);
+  const auto rendered = [&](double start_s) {
+    OpportunityLinkOptions options = options_of(0.02);
+    options.start_s = start_s;
+    auto source = mast(0, at);
+    source.bits = {1, -1, -1, 1, -1, 1, 1};  // 7 bits of 20 ms: whole seconds of 7 are whole periods
+    const OpportunityLink link({{1575.42e6, 2.048e6, 0.0}}, {source}, options, RandomStream(1));
+    std::vector<Cf32> out(link.samples(0));
+    EXPECT_TRUE(link.render_clean(0, 0, out));
+    return out;
+  };
+  const auto near = rendered(0.0);
+  EXPECT_EQ(rendered(7.0 * 14'000'000.0), near);
+  EXPECT_EQ(rendered(-7.0 * 14'000'000.0), near);
+}
+
+// A delay that runs faster than time would take chips backwards, out of their array.
+TEST(OpportunityLink, RefusesClocksThatJump) {
+  const Eigen::Vector3d at = kHere + Eigen::Vector3d(0.0, 5000.0, 0.0);
+  const auto message = [&](const std::function<void(OpportunitySource&, OpportunityLinkOptions&)>& spoil) {
+    OpportunitySource source = mast(0, at);
+    OpportunityLinkOptions options = options_of(0.01);
+    options.step_s = 1e-3;
+    spoil(source, options);
+    try {
+      const OpportunityLink link({{1575.42e6, 2.048e6, 0.0}}, {source}, options, RandomStream(1));
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string("nothing");
+  };
+  for (const double jump : {2e-3, -2e-3}) {
+    EXPECT_EQ(message([&](auto&, auto& o) {
+                o.clock_bias_s.assign(12, 0.0);
+                for (std::size_t i = 5; i < 12; ++i) o.clock_bias_s[i] = jump;
+              }).substr(0, 15),
+              "clock_bias_s[5]");
+  }
+  EXPECT_EQ(message([](auto&, auto& o) { o.clock.white_frequency_m2ps = 1e18; }).substr(0, 8), "clock = ");
+  EXPECT_EQ(message([](auto& s, auto&) { s.clock.white_frequency_m2ps = 1e18; }).substr(0, 16), "sources[0].clock");
+  EXPECT_EQ(message([](auto&, auto& o) { o.clock_bias_s.assign(12, 0.3); }), "nothing");
 }
 
 TEST(OpportunityLink, Refuses) {

@@ -88,6 +88,8 @@ class OpportunityLink {
   [[nodiscard]] std::span<const double> source_bias_s(std::size_t source) const;  ///< δt_s at the nodes
 
  private:
+  void check_slopes(std::size_t k) const;
+
   std::vector<OpportunityBand> bands_;
   std::vector<OpportunitySource> sources_;
   OpportunityLinkOptions options_;
