@@ -46,6 +46,29 @@ TEST(GpsAcquirer, FindsDelayDopplerAndPower) {
   }
 }
 
+// The statistic does not depend on the samples' scale, and what overflows is not called found.
+TEST(GpsAcquirer, AnyAmplitudeGivesOneStatistic) {
+  Acquirer acquirer({.coherent_ms = 2, .min_doppler_hz = 0.0, .max_doppler_hz = 500.0});
+  std::vector<Cf32> noise(acquirer.samples());
+  RandomStream(9).fill_complex_normal(noise);
+  const double statistic = acquirer.search(noise, 5).statistic;
+  std::vector<Cf32> scaled(noise.size());
+  for (const float scale : {1e-12F, 1e13F, 1e14F}) {
+    for (std::size_t n = 0; n < noise.size(); ++n) scaled[n] = scale * noise[n];
+    const Acquisition found = acquirer.search(scaled, 5);
+    EXPECT_EQ(found.status, AcquisitionStatus::kNotFound) << scale;
+    EXPECT_NEAR(found.statistic, statistic, 1e-3 * statistic) << scale;
+  }
+  for (const float scale : {1e16F, 1e22F, 1e37F}) {
+    for (std::size_t n = 0; n < noise.size(); ++n) scaled[n] = scale * noise[n];
+    EXPECT_EQ(acquirer.search(scaled, 5).status, AcquisitionStatus::kNotFinite) << scale;
+  }
+  Acquirer silent({.min_doppler_hz = 0.0, .max_doppler_hz = 500.0, .noise_variance = 1e-60});
+  const Acquisition found = silent.search(noise, 5);
+  EXPECT_EQ(found.status, AcquisitionStatus::kNotFinite);
+  EXPECT_TRUE(std::isfinite(found.statistic + found.cn0_dbhz));
+}
+
 // Half a second at 5 kHz moves the code by 1.6 chips: only sums that are moved back add up.
 TEST(GpsAcquirer, FollowsTheCodeThroughALongSearch) {
   Acquirer acquirer({.coherent_ms = 10, .noncoherent = 50, .min_doppler_hz = 4950.0, .max_doppler_hz = 5050.0});

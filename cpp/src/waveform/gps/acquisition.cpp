@@ -15,6 +15,8 @@
 namespace soopnav::gps {
 namespace {
 
+constexpr double kMostAmplitude = 1e15;  // of a sample, as trackers take them
+
 void require(bool holds, const char* name, double value, const char* rule) {
   if (!holds) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + " " + rule);
 }
@@ -160,7 +162,7 @@ struct Acquirer::Impl {
     const std::size_t length = delays * static_cast<std::size_t>(options.coherent_ms);
     float* const row = surface.data() + bin * delays;
     std::fill(row, row + delays, 0.0F);
-    const auto factor = static_cast<float>(scale);
+    const auto factor = static_cast<float>(std::sqrt(scale));  // before squaring, which could overflow
     for (int m = 0; m < options.noncoherent; ++m) {
       fold(samples.subspan(static_cast<std::size_t>(m) * length, length), f * kCodePeriodS);
       forward.execute(folded.data(), spectrum.data());
@@ -169,7 +171,8 @@ struct Acquirer::Impl {
       delay_spectrum(doppler_hz / kCarrierHz * middle);
       inverse.execute(spectrum.data(), folded.data());
       for (std::size_t n = 0; n < delays; ++n) {
-        row[n] += factor * (folded[n].real() * folded[n].real() + folded[n].imag() * folded[n].imag());
+        const float re = factor * folded[n].real(), im = factor * folded[n].imag();
+        row[n] += re * re + im * im;
       }
     }
   }
@@ -199,8 +202,13 @@ Acquisition Acquirer::search(IqSpan iq, int prn) {
   if (iq.size() < samples()) return found;
   const IqSpan used = iq.first(samples());
   double energy = 0.0;
-  for (const Cf32 x : used) energy += static_cast<double>(x.real() * x.real() + x.imag() * x.imag());
-  if (!(energy > 0.0) || !std::isfinite(energy)) {
+  bool usable = true;
+  for (const Cf32 x : used) {
+    const auto re = static_cast<double>(x.real()), im = static_cast<double>(x.imag());
+    usable = usable && std::abs(re) <= kMostAmplitude && std::abs(im) <= kMostAmplitude;  // false for NaN
+    energy += re * re + im * im;
+  }
+  if (!usable || !(energy > 0.0)) {
     found.status = AcquisitionStatus::kNotFinite;
     return found;
   }
@@ -215,6 +223,11 @@ Acquisition Acquirer::search(IqSpan iq, int prn) {
   found.bin = cell / impl.delays;
   found.sample = cell % impl.delays;
   found.statistic = static_cast<double>(*highest);
+  if (!std::isfinite(found.statistic)) {
+    found.statistic = 0.0;
+    found.status = AcquisitionStatus::kNotFinite;
+    return found;
+  }
   found.status = found.statistic > impl.threshold ? AcquisitionStatus::kFound : AcquisitionStatus::kNotFound;
   const auto magnitude = [&](std::size_t bin, std::size_t sample) {
     return std::sqrt(static_cast<double>(impl.surface[bin * impl.delays + sample]));

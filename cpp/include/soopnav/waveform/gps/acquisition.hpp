@@ -27,7 +27,7 @@ enum class AcquisitionStatus : std::uint8_t {
   kFound,          ///< the statistic passes the threshold
   kNotFound,       ///< it does not: the rest is that of the highest cell all the same
   kTooFewSamples,  ///< nothing was searched
-  kNotFinite,      ///< a sample is not finite, or all are zero: nothing was searched
+  kNotFinite,      ///< a sample is not finite or beyond 1e15, all are zero, or the statistic overflows: nothing known
 };
 
 /// The highest cell of a search.
