@@ -84,8 +84,6 @@ void register_cdma(py::module_& m) {
       },
       py::arg("delay_s"), py::kw_only(), py::arg("start_s"), py::arg("start_error_s"), py::arg("max_travel_s"),
       "Offsets that explain a delay.");
-  m.def("gamma_tail_threshold", &cdma::gamma_tail_threshold, py::arg("shape"), py::arg("probability"),
-        "Threshold of a sum of exponential variables.");
   py::class_<cdma::PilotSearcher>(m, "PilotSearcher", "Search for pilots of all offsets.")
       .def(py::init([](double sample_rate_hz, double intermediate_hz, double carrier_hz, double max_doppler_hz,
                        double coherent_s, std::size_t noncoherent, double false_alarm_probability,

@@ -231,6 +231,7 @@ class PilotSearcher:
     sample_rate_hz : float
         At least 1.2288 MHz.
     intermediate_hz, carrier_hz : float
+        The carrier at least 100 MHz.
     max_doppler_hz : float
         Dopplers within ± this are searched.
     coherent_s : float
@@ -305,7 +306,7 @@ def acquire(
     Raises
     ------
     ValueError
-        For options out of range, and fewer samples than a search takes.
+        For options out of range, fewer samples than a search takes, and samples that are not finite.
     """
     searcher = PilotSearcher(
         sample_rate_hz,
@@ -319,4 +320,6 @@ def acquire(
     )
     if len(iq) < searcher.samples:
         raise ValueError(f"iq: {searcher.samples} samples expected at least, got {len(iq)}")
+    if not np.isfinite(iq[: searcher.samples]).all():
+        raise ValueError("iq: finite samples expected")
     return searcher.search(iq)

@@ -44,6 +44,7 @@ class Signal:
     chips : ndarray of complex64, shape (n,)
         One code period, of unit power on average.
     chip_rate_hz, carrier_hz : float
+        The carrier at least the chip rate.
     symbol_s : float
         Of the data's signs, a whole number of code periods; 0: none, a pilot.
     code_slope : float

@@ -76,6 +76,8 @@ def test_bad_samples():
         sn.tracking.track(np.zeros(10), sn.tracking.Signal.cdma_pilot(), RATE)
     with pytest.raises(ValueError, match="samples expected"):
         sn.cdma.acquire(np.zeros(10, np.complex64), RATE)
+    with pytest.raises(ValueError, match="iq: finite samples expected"):
+        sn.cdma.acquire(np.full(int(0.1 * RATE), np.nan + 0j, np.complex64), RATE)
     epochs = sn.tracking.track(np.full(int(0.3 * RATE), np.nan + 0j, np.complex64), sn.tracking.Signal.gps_l1(4), RATE)
     assert not epochs.phase_locked.any()
     assert np.isfinite(epochs.carrier_phase_cycles).all()

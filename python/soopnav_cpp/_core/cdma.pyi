@@ -11,7 +11,6 @@ import typing
 __all__: list[str] = [
     "PilotSearcher",
     "baseband_filter",
-    "gamma_tail_threshold",
     "offset_candidates",
     "pilot_code",
     "synthesize",
@@ -49,13 +48,6 @@ class PilotSearcher:
 def baseband_filter() -> numpy.typing.NDArray[numpy.float64]:
     """
     Taps of the base station's filter.
-    """
-
-def gamma_tail_threshold(
-    shape: typing.SupportsInt | typing.SupportsIndex, probability: typing.SupportsFloat | typing.SupportsIndex
-) -> float:
-    """
-    Threshold of a sum of exponential variables.
     """
 
 def offset_candidates(

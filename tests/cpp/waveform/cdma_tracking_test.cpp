@@ -15,6 +15,7 @@
 
 #include "soopnav/core/constants.hpp"
 #include "soopnav/core/random.hpp"
+#include "soopnav/dsp/detection.hpp"
 #include "soopnav/waveform/cdma/acquisition.hpp"
 #include "soopnav/waveform/cdma/pilot_code.hpp"
 #include "soopnav/waveform/cdma/synthesis.hpp"
@@ -182,11 +183,64 @@ TEST(PilotSearch, FindsTwoPilotsAndNothingInNoise) {
   EXPECT_TRUE(searcher.search(IqSpan(received).first(100)).empty());
 }
 
+TEST(PilotSearch, ManySumsFindAPilotInLittleMemory) {
+  cdma::AcquisitionOptions o;
+  o.sample_rate_hz = cdma::kChipRateHz;
+  o.coherent_s = 64.5 / cdma::kChipRateHz;
+  o.max_doppler_hz = 0.0;
+  o.noncoherent = 60;
+  cdma::PilotSearcher searcher(o);
+  cdma::SynthesisOptions synthesis;
+  synthesis.sample_rate_hz = o.sample_rate_hz;
+  std::vector<Cf32> received(searcher.samples());
+  cdma::PilotGenerator({pilot(100, 20e-6, 0.0, 53.0)}, synthesis).render(0, received, RandomStream(3));
+  const auto found = searcher.search(received);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].pn_offset, 100);
+  EXPECT_GT(found[0].statistic, searcher.threshold());
+}
+
+TEST(PilotSearch, NoiseRaisesAlarmsAsOftenAsAsked) {
+  cdma::AcquisitionOptions o;
+  o.sample_rate_hz = cdma::kChipRateHz;
+  o.coherent_s = 1e-3;
+  o.max_doppler_hz = 0.0;
+  o.noncoherent = 2;
+  o.false_alarm_probability = 0.1;
+  cdma::PilotSearcher searcher(o);
+  std::vector<Cf32> noise(searcher.samples());
+  RandomStream random(17);
+  constexpr int kSearches = 100;
+  int alarms = 0;
+  for (int i = 0; i < kSearches; ++i) {
+    random.fill_complex_normal(noise);
+    alarms += searcher.search(noise).empty() ? 0 : 1;
+  }
+  // 10 expected, 3 their deviation; a block's own power in the scale takes a tenth of them away.
+  EXPECT_GE(alarms, 1);
+  EXPECT_LE(alarms, 21);
+}
+
 TEST(PilotSearch, ThresholdsAreExact) {
-  EXPECT_NEAR(cdma::gamma_tail(1, 3.0), std::exp(-3.0), 1e-15);
-  EXPECT_NEAR(cdma::gamma_tail(4, 10.0), 0.010336050675925726, 1e-12);
-  for (const std::size_t k : {1UL, 4UL, 50UL}) {
-    EXPECT_NEAR(cdma::gamma_tail(k, cdma::gamma_tail_threshold(k, 1e-9)) / 1e-9, 1.0, 1e-6);
+  // Of a Gamma variable by Wilson and Hilferty: its cube root is all but normal for many sums.
+  for (const std::size_t k : {1UL, 4UL, 50UL, 1000UL, 10'000UL}) {
+    cdma::AcquisitionOptions o;
+    o.sample_rate_hz = cdma::kChipRateHz;
+    o.coherent_s = 64.5 / cdma::kChipRateHz;
+    o.max_doppler_hz = 0.0;
+    o.noncoherent = k;
+    const cdma::PilotSearcher searcher(o);
+    const double p = searcher.cell_false_alarm();
+    EXPECT_NEAR(p, -std::expm1(std::log1p(-1e-3) / 32768.0), 1e-20);
+    EXPECT_NEAR(dsp::false_alarm_probability(static_cast<int>(k), searcher.threshold()) / p, 1.0, 1e-9);
+    if (k == 1) {
+      EXPECT_NEAR(searcher.threshold(), -std::log(p), 1e-12);
+    }
+    constexpr double kNormal = 5.4191;  // passed with 3.05e-8
+    const double n = static_cast<double>(k), cube = 1.0 - 1.0 / (9.0 * n) + kNormal / (3.0 * std::sqrt(n));
+    if (k >= 1000) {
+      EXPECT_NEAR(searcher.threshold() / (n * cube * cube * cube), 1.0, 1e-3);
+    }
   }
   std::array<int, 4> out{};
   EXPECT_EQ(cdma::offset_candidates(10.0 * cdma::kOffsetS + 3e-6, 0.0, 0.0, 50e-6, out), 1U);
@@ -384,6 +438,30 @@ TEST(Tracker, NoHeapWhileItRuns) {
   EXPECT_EQ(count, 5U);
 }
 
+// No loop pulls the code beyond its table, whatever it follows.
+TEST(Tracker, RatesKeepWithinTheCodesTable) {
+  tracking::Signal signal = tracking::Signal::gps_l1(3);
+  signal.carrier_hz = 1e7;
+  tracking::TrackerOptions o;
+  o.sample_rate_hz = gps::kChipRateHz;
+  o.doppler_hz = 8.99e4;
+  o.epoch_s = 0.04;
+  o.pull_in_bandwidth_hz = 200.0;
+  std::vector<Cf32> samples(static_cast<std::size_t>(0.5 * o.sample_rate_hz));
+  for (std::size_t n = 0; n < samples.size(); ++n) {  // the code at a Doppler ever further away
+    const double t = static_cast<double>(n) / o.sample_rate_hz;
+    const double cycles = 8.99e4 * t + 1e3 * t * t;
+    const auto chip = static_cast<std::size_t>(t * gps::kChipRateHz * 1.009) % signal.chips.size();
+    samples[n] = signal.chips[chip] * Cf32(std::polar(1.0, kTwoPi * (cycles - std::floor(cycles))));
+  }
+  const auto epochs = tracked(signal, o, samples);
+  ASSERT_GT(epochs.size(), 5U);
+  double highest = 0.0;
+  for (const auto& e : epochs) highest = std::max(highest, e.doppler_hz);
+  EXPECT_LE(highest, 9e4 * (1.0 + 1e-9));
+  EXPECT_GT(highest, 8.995e4);
+}
+
 TEST(Tracker, RefusesWhatItCannotDo) {
   const tracking::Signal signal = tracking::Signal::gps_l1(1);
   tracking::TrackerOptions good;
@@ -396,7 +474,11 @@ TEST(Tracker, RefusesWhatItCannotDo) {
       {"delay_s", [](auto&, auto& o) { o.delay_s = std::nan(""); }},
       {"integration_s", [](auto&, auto& o) { o.integration_s = 15e-3; }},
       {"pll_order", [](auto&, auto& o) { o.pll_order = 4; }},
-      {"bandwidth_hz", [](auto&, auto& o) { o.pll_bandwidth_hz = 100.0; }},
+      {"pll_bandwidth_hz", [](auto&, auto& o) { o.pll_bandwidth_hz = 100.0; }},
+      {"dll_bandwidth_hz", [](auto&, auto& o) { o.dll_bandwidth_hz = 0.0; }},
+      {"pull_in_bandwidth_hz", [](auto&, auto& o) { o.pull_in_bandwidth_hz = 1e4; }},
+      {"doppler_hz", [](auto& s, auto& o) { s.carrier_hz = 1e7, o.doppler_hz = 1e6; }},
+      {"signal.carrier_hz", [](auto& s, auto&) { s.carrier_hz = 1e5; }},
       {"early_late_chips", [](auto&, auto& o) { o.early_late_chips = 0.0; }},
       {"epoch_s", [](auto&, auto& o) { o.epoch_s = 0.03; }},
       {"pull_in_s", [](auto&, auto& o) { o.pull_in_s = 0.0; }},
@@ -412,7 +494,7 @@ TEST(Tracker, RefusesWhatItCannotDo) {
       const tracking::Tracker tracker(s, o);
       ADD_FAILURE() << name;
     } catch (const std::invalid_argument& error) {
-      EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << error.what();
+      EXPECT_EQ(std::string(error.what()).find(name + " = "), 0U) << error.what();
     }
   }
 }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "soopnav/core/constants.hpp"
+#include "soopnav/dsp/detection.hpp"
 #include "soopnav/dsp/fft.hpp"
 #include "soopnav/waveform/tracking/loop.hpp"
 #include "waveform/tracking/correlator.hpp"
@@ -23,26 +24,6 @@ void require_search(bool holds, const char* name, double value, const char* rule
 double modulo(double value, double period) noexcept { return value - period * std::floor(value / period); }
 
 }  // namespace
-
-double gamma_tail(std::size_t shape, double x) noexcept {
-  if (!(x > 0.0)) return 1.0;
-  double term = 1.0, sum = 1.0;
-  for (std::size_t k = 1; k < shape; ++k) {
-    term *= x / static_cast<double>(k);
-    sum += term;
-  }
-  return std::exp(std::log(sum) - x);
-}
-
-double gamma_tail_threshold(std::size_t shape, double probability) noexcept {
-  double low = 0.0, high = static_cast<double>(shape) + 10.0;
-  while (gamma_tail(shape, high) > probability && high < 1e6) high *= 2.0;
-  for (int i = 0; i < 200 && high - low > 1e-12 * high; ++i) {
-    const double middle = 0.5 * (low + high);
-    (gamma_tail(shape, middle) > probability ? low : high) = middle;
-  }
-  return high;
-}
 
 std::size_t offset_candidates(double delay_s, double start_s, double start_error_s, double max_travel_s,
                               std::span<int> out) noexcept {
@@ -59,12 +40,13 @@ std::size_t offset_candidates(double delay_s, double start_s, double start_error
 
 struct PilotSearcher::Impl {
   AcquisitionOptions o;
-  std::size_t block;  // samples
-  double period;      // samples of a code
-  std::size_t lags;   // delays searched
-  int size;           // of transforms
-  std::size_t step;   // bins between Dopplers
-  int reach;          // Dopplers -reach ... reach
+  std::size_t block;         // samples
+  double period;             // samples of a code
+  std::size_t lags;          // delays searched
+  int size;                  // of transforms
+  std::size_t step;          // bins between Dopplers
+  int reach;                 // Dopplers -reach ... reach
+  bool keep_spectra = true;  // of all blocks, or the powers of all Dopplers: whichever are fewer
   std::size_t cell_count;
   double cell_probability, limit;
   dsp::Fft forward, inverse;
@@ -72,7 +54,7 @@ struct PilotSearcher::Impl {
   std::vector<Cf32> replica, spectra, work, product;
   std::vector<float> power, best;
   std::vector<int> best_doppler;
-  std::vector<float> scale;
+  std::vector<float> weights;
   std::vector<Acquisition> found;
 
   static int transform_size(double period, std::size_t block) {
@@ -102,42 +84,72 @@ struct PilotSearcher::Impl {
     std::vector<Cf32> spectrum(points);
     forward.execute(replica.data(), spectrum.data());
     replica = std::move(spectrum);
-    spectra.assign(points * o.noncoherent, {});
+    const auto rows = static_cast<std::size_t>(2 * reach + 1);
+    keep_spectra = o.noncoherent <= rows;
+    spectra.assign(points * (keep_spectra ? o.noncoherent : 1), {});
     work.assign(points, {});
     product.assign(points, {});
-    power.assign(lags, 0.0F);
+    power.assign(lags * (keep_spectra ? 1 : rows), 0.0F);
     best.assign(lags, 0.0F);
     best_doppler.assign(lags, 0);
-    scale.assign(o.noncoherent, 0.0F);
+    weights.assign(keep_spectra ? o.noncoherent : 0, 0.0F);
     found.reserve(o.max_pilots);
     cell_count = std::min(lags, 2 * kCodeLength) * static_cast<std::size_t>(2 * reach + 1);
-    cell_probability = -std::expm1(std::log1p(-o.false_alarm_probability) / static_cast<double>(cell_count));
-    limit = gamma_tail_threshold(o.noncoherent, cell_probability);
+    cell_probability = dsp::cell_false_alarm(o.false_alarm_probability, static_cast<double>(cell_count));
+    limit = dsp::detection_threshold(static_cast<int>(o.noncoherent), cell_probability);
   }
 
   [[nodiscard]] double bin_hz() const noexcept { return static_cast<double>(step) * o.sample_rate_hz / size; }
 
-  // Powers of all delays at one Doppler.
-  void at_doppler(int number) noexcept {
-    std::fill(power.begin(), power.end(), 0.0F);
+  // Adds block k's powers of all delays at one Doppler.
+  void add_powers(int number, std::size_t k, const Cf32* x, float scale, float* to) noexcept {
     const auto points = static_cast<std::size_t>(size);
     const auto shift =
         static_cast<std::size_t>((static_cast<long>(number) * static_cast<long>(step) % size + size) % size);
-    for (std::size_t k = 0; k < o.noncoherent; ++k) {
-      const Cf32* const x = spectra.data() + k * points;
-      for (std::size_t f = 0; f < points; ++f) {
-        const Cf32 a = x[f + shift < points ? f + shift : f + shift - points];
-        const Cf32 b = replica[f];
-        product[f] = {a.real() * b.real() + a.imag() * b.imag(), a.real() * b.imag() - a.imag() * b.real()};
+    for (std::size_t f = 0; f < points; ++f) {
+      const Cf32 a = x[f + shift < points ? f + shift : f + shift - points];
+      const Cf32 b = replica[f];
+      product[f] = {a.real() * b.real() + a.imag() * b.imag(), a.real() * b.imag() - a.imag() * b.real()};
+    }
+    inverse.execute(product.data(), work.data());
+    // Delay i: the code's phase at the block's begin is k * block - i samples.
+    const double begin = static_cast<double>(k * block);
+    for (std::size_t i = 0; i < lags; ++i) {
+      auto s = static_cast<std::size_t>(std::lround(modulo(begin - static_cast<double>(i), period)));
+      if (s >= lags) s = 0;
+      to[i] += std::norm(work[s]) * scale;
+    }
+  }
+
+  // Spectrum of block k without its carrier, scaled to unit power: nullptr where it has none or is not finite.
+  const Cf32* spectrum_of(IqSpan samples, std::size_t k, float& scale) noexcept {
+    const auto points = static_cast<std::size_t>(size);
+    std::fill(work.begin(), work.end(), Cf32{});
+    double energy = 0.0;
+    for (std::size_t n = 0; n < block; ++n) {
+      const Cf32 x = samples[k * block + n];
+      energy += static_cast<double>(x.real()) * static_cast<double>(x.real()) +
+                static_cast<double>(x.imag()) * static_cast<double>(x.imag());
+      work[n] = x;
+    }
+    if (!(energy > 0.0 && energy < 1e30)) return nullptr;
+    if (o.intermediate_hz != 0.0) {
+      for (std::size_t n = 0; n < block; ++n) {
+        const double turn = modulo(o.intermediate_hz * static_cast<double>(n) / o.sample_rate_hz, 1.0);
+        work[n] *= Cf32(std::polar(1.0, -kTwoPi * turn));
       }
-      inverse.execute(product.data(), work.data());
-      // Delay i: the code's phase at the block's begin is k * block - i samples.
-      const double begin = static_cast<double>(k * block);
-      for (std::size_t i = 0; i < lags; ++i) {
-        auto s = static_cast<std::size_t>(std::lround(modulo(begin - static_cast<double>(i), period)));
-        if (s >= lags) s = 0;
-        power[i] += std::norm(work[s]) * scale[k];
-      }
+    }
+    Cf32* const to = spectra.data() + (keep_spectra ? k * points : 0);
+    forward.execute(work.data(), to);
+    scale = static_cast<float>(1.0 / (energy * static_cast<double>(points) * static_cast<double>(points)));
+    return to;
+  }
+
+  void keep_best(int number, const float* from) noexcept {
+    for (std::size_t i = 0; i < lags; ++i) {
+      if (from[i] <= best[i]) continue;
+      best[i] = from[i];
+      best_doppler[i] = number;
     }
   }
 
@@ -203,34 +215,29 @@ struct PilotSearcher::Impl {
     found.clear();
     if (samples.size() < block * o.noncoherent) return {};
     samples = samples.first(block * o.noncoherent);
-    const auto points = static_cast<std::size_t>(size);
-    for (std::size_t k = 0; k < o.noncoherent; ++k) {
-      std::fill(work.begin(), work.end(), Cf32{});
-      double energy = 0.0;
-      for (std::size_t n = 0; n < block; ++n) {
-        const Cf32 x = samples[k * block + n];
-        energy += static_cast<double>(x.real()) * static_cast<double>(x.real()) +
-                  static_cast<double>(x.imag()) * static_cast<double>(x.imag());
-        work[n] = x;
-      }
-      if (!(energy > 0.0 && energy < 1e30)) return {};
-      if (o.intermediate_hz != 0.0) {
-        for (std::size_t n = 0; n < block; ++n) {
-          const double turn = modulo(o.intermediate_hz * static_cast<double>(n) / o.sample_rate_hz, 1.0);
-          work[n] *= Cf32(std::polar(1.0, -kTwoPi * turn));
-        }
-      }
-      forward.execute(work.data(), spectra.data() + k * points);
-      scale[k] = static_cast<float>(1.0 / (energy * static_cast<double>(points) * static_cast<double>(points)));
-    }
     std::fill(best.begin(), best.end(), 0.0F);
-    for (int number = -reach; number <= reach; ++number) {
-      at_doppler(number);
-      for (std::size_t i = 0; i < lags; ++i) {
-        if (power[i] <= best[i]) continue;
-        best[i] = power[i];
-        best_doppler[i] = number;
+    std::fill(power.begin(), power.end(), 0.0F);
+    if (keep_spectra) {
+      const auto points = static_cast<std::size_t>(size);
+      for (std::size_t k = 0; k < o.noncoherent; ++k) {
+        if (spectrum_of(samples, k, weights[k]) == nullptr) return {};
       }
+      for (int number = -reach; number <= reach; ++number) {
+        std::fill(power.begin(), power.end(), 0.0F);
+        for (std::size_t k = 0; k < o.noncoherent; ++k) {
+          add_powers(number, k, spectra.data() + k * points, weights[k], power.data());
+        }
+        keep_best(number, power.data());
+      }
+    } else {
+      const auto row = [&](int number) { return power.data() + static_cast<std::size_t>(number + reach) * lags; };
+      for (std::size_t k = 0; k < o.noncoherent; ++k) {
+        float weight = 0.0F;
+        const Cf32* const spectrum = spectrum_of(samples, k, weight);
+        if (spectrum == nullptr) return {};
+        for (int number = -reach; number <= reach; ++number) add_powers(number, k, spectrum, weight, row(number));
+      }
+      for (int number = -reach; number <= reach; ++number) keep_best(number, row(number));
     }
     const auto guard = static_cast<std::size_t>(std::ceil(1.5 * o.sample_rate_hz / kChipRateHz));
     while (found.size() < o.max_pilots) {
@@ -251,8 +258,9 @@ AcquisitionOptions checked(const AcquisitionOptions& o) {
                  "must be in [1.2288e6, 1e8]");
   require_search(std::abs(o.intermediate_hz) <= 0.5 * o.sample_rate_hz, "intermediate_hz", o.intermediate_hz,
                  "must be within half the sampling rate");
-  require_search(o.carrier_hz > 1e6 && std::isfinite(o.carrier_hz), "carrier_hz", o.carrier_hz,
-                 "must be finite, above 1e6");
+  // Lower, what the refinement adds to a Doppler could move the code by more than its table has room for.
+  require_search(o.carrier_hz >= 1e8 && std::isfinite(o.carrier_hz), "carrier_hz", o.carrier_hz,
+                 "must be finite, at least 1e8");
   require_search(o.coherent_s * kChipRateHz >= 64.0 && o.coherent_s <= kCodePeriodS * (1.0 + 1e-9), "coherent_s",
                  o.coherent_s, "must be at least 64 chips and at most a code period");
   require_search(o.noncoherent >= 1 && o.noncoherent <= 10'000, "noncoherent", static_cast<double>(o.noncoherent),

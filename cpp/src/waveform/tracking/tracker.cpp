@@ -23,7 +23,11 @@ constexpr double kLockTimeS = 0.25;     // over which presence of the signal is 
 constexpr double kSmoothS = 1.0;        // over which the C/N0 is smoothed
 constexpr double kLockLevel = 20.0;     // signal to noise of an integration is not counted beyond
 constexpr double kBlockEnergy = 20.0;   // signal to noise of the block of integrations that is judged for phase
+constexpr double kPullInCodeHz = 2.0;   // least bandwidth of the code loop while pulling in
 constexpr int kGoodBlocks = 3;          // before phase lock is declared
+
+// Of the carrier: code tables reach 1 % of code Doppler, and what a loop pulls may not leave them.
+constexpr double kMostDoppler = 0.009;
 
 void require_tracker(bool holds, const char* name, double value, const char* rule) {
   if (!holds) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + " " + rule);
@@ -57,7 +61,22 @@ struct Window {
   bool locked = true;
 };
 
+// As design_loop, by the option's own name.
+void check_loop(const char* name, int order, double bandwidth_hz, double interval_s) {
+  constexpr std::array<double, 3> kMost{0.4, 0.9, 1.6};
+  require_tracker(bandwidth_hz > 0.0 && std::isfinite(bandwidth_hz), name, bandwidth_hz, "must be positive and finite");
+  const double product = bandwidth_hz * interval_s;
+  require_tracker(product <= kMost[static_cast<std::size_t>(order - 1)] && product >= 1e-9, name, bandwidth_hz,
+                  "times its integration must be at least 1e-9 and at most 0.4, 0.9, 1.6 for orders 1, 2, 3");
+}
+
 bool whole_number(double value) noexcept { return std::abs(value - std::round(value)) < 1e-6 * std::max(value, 1.0); }
+
+double pull_in_interval(const Signal& s, const TrackerOptions& o) noexcept {
+  if (o.pull_in_integration_s > 0.0) return o.pull_in_integration_s;
+  if (s.symbol_s > 0.0) return std::min(static_cast<double>(s.chips.size()) / s.chip_rate_hz, o.integration_s);
+  return std::min(5e-3, o.integration_s);
+}
 
 void check(const Signal& s, const TrackerOptions& o) {
   require_tracker(!s.chips.empty(), "signal.chips", 0.0, "must not be empty");
@@ -66,8 +85,8 @@ void check(const Signal& s, const TrackerOptions& o) {
                   "signal.chips", std::nan(""), "must be finite");
   require_tracker(s.chip_rate_hz > 0.0 && std::isfinite(s.chip_rate_hz), "signal.chip_rate_hz", s.chip_rate_hz,
                   "must be positive and finite");
-  require_tracker(s.carrier_hz > 0.0 && std::isfinite(s.carrier_hz), "signal.carrier_hz", s.carrier_hz,
-                  "must be positive and finite");
+  require_tracker(s.carrier_hz >= s.chip_rate_hz && std::isfinite(s.carrier_hz), "signal.carrier_hz", s.carrier_hz,
+                  "must be finite and at least the chip rate");
   require_tracker(s.code_slope > 0.0 && s.code_slope <= 4.0, "signal.code_slope", s.code_slope, "must be in (0, 4]");
   const double period = static_cast<double>(s.chips.size()) / s.chip_rate_hz;
   require_tracker(s.symbol_s >= 0.0 && std::isfinite(s.symbol_s), "signal.symbol_s", s.symbol_s,
@@ -82,7 +101,8 @@ void check(const Signal& s, const TrackerOptions& o) {
   require_tracker(std::abs(o.intermediate_hz) <= 0.5 * o.sample_rate_hz, "intermediate_hz", o.intermediate_hz,
                   "must be within half the sampling rate");
   require_tracker(std::abs(o.delay_s) < 1e6, "delay_s", o.delay_s, "must be finite, below 1e6");
-  require_tracker(std::abs(o.doppler_hz) <= 1e6, "doppler_hz", o.doppler_hz, "must be within 1e6");
+  require_tracker(std::abs(o.doppler_hz) <= std::min(1e6, kMostDoppler * s.carrier_hz), "doppler_hz", o.doppler_hz,
+                  "must be within 1e6 and 0.9 % of the carrier");
   require_tracker(o.integration_s * o.sample_rate_hz >= 16.0 && o.integration_s <= 10.0, "integration_s",
                   o.integration_s, "must be at least 16 samples and at most 10 s");
   if (data) {
@@ -111,12 +131,11 @@ void check(const Signal& s, const TrackerOptions& o) {
   require_tracker(o.loss_s > 0.0 && std::isfinite(o.loss_s), "loss_s", o.loss_s, "must be positive and finite");
   require_tracker(o.pull_in_s > 0.0 || !data || o.symbol_known || whole_number(period / o.integration_s), "pull_in_s",
                   o.pull_in_s, "must be positive while the symbols' edges are unknown");
-}
-
-double pull_in_interval(const Signal& s, const TrackerOptions& o) noexcept {
-  if (o.pull_in_integration_s > 0.0) return o.pull_in_integration_s;
-  if (s.symbol_s > 0.0) return std::min(static_cast<double>(s.chips.size()) / s.chip_rate_hz, o.integration_s);
-  return std::min(5e-3, o.integration_s);
+  const double pull_in = pull_in_interval(s, o);
+  check_loop("pll_bandwidth_hz", o.pll_order, o.pll_bandwidth_hz, o.integration_s);
+  check_loop("dll_bandwidth_hz", 1, o.dll_bandwidth_hz, o.integration_s);
+  check_loop("pull_in_bandwidth_hz", 2, o.pull_in_bandwidth_hz, pull_in);
+  require_tracker(kPullInCodeHz * pull_in <= 0.4, "pull_in_integration_s", pull_in, "must be at most 0.2 s");
 }
 
 }  // namespace
@@ -192,7 +211,7 @@ struct Tracker::Impl {
         settled(design_loop(o.pll_order, o.pll_bandwidth_hz, o.integration_s)),
         pulling(design_loop(2, o.pull_in_bandwidth_hz, pull_in_interval(signal, o))),
         code_settled(design_loop(1, o.dll_bandwidth_hz, o.integration_s)),
-        code_pulling(design_loop(1, std::max(o.dll_bandwidth_hz, 2.0), pulling.interval_s)),
+        code_pulling(design_loop(1, std::max(o.dll_bandwidth_hz, kPullInCodeHz), pulling.interval_s)),
         fll_gain(4.0 * o.fll_bandwidth_hz * pulling.interval_s),
         rate(o.doppler_hz),
         chip(-o.delay_s * signal.chip_rate_hz) {
@@ -213,6 +232,11 @@ struct Tracker::Impl {
 
   [[nodiscard]] double chips_per_sample() const noexcept {
     return chip_rate_hz * (1.0 + rate / carrier_hz) / options.sample_rate_hz;
+  }
+
+  [[nodiscard]] double held_rate(double wanted) const noexcept {
+    const double most = std::min(1e6, kMostDoppler * carrier_hz);
+    return std::clamp(wanted, -most, most);
   }
 
   void enter(TrackerState next) noexcept {
@@ -336,7 +360,7 @@ struct Tracker::Impl {
         slow += (third ? ramp * interval : 0.0) + loop.gain[1] * error / interval;
         if (third) ramp += loop.gain[2] * error / (interval * interval);
         rate = slow + (third ? 0.5 * ramp * interval : 0.0);
-        rate = std::clamp(rate, -1e6, 1e6);
+        rate = held_rate(rate);
         const Loop& code_loop = state == TrackerState::kPullIn ? code_pulling : code_settled;
         chip += code_loop.gain[0] * code_error;
       }
@@ -448,7 +472,7 @@ struct Tracker::Impl {
   // States: from pulling in to tracking, to coasting, and back.
   void decide() noexcept {
     if (state == TrackerState::kPullIn) {
-      rate += fll_step;
+      rate = held_rate(rate + fll_step);
       if (updates == 1 && data && !options.symbol_known) {
         // The number of the code period that has just ended.
         const double number = std::round((chip - symbol_origin) / code.length()) - 1.0;

@@ -12,7 +12,7 @@ namespace soopnav::cdma {
 struct AcquisitionOptions {
   double sample_rate_hz = 2.4576e6;
   double intermediate_hz = 0.0;           ///< where the carrier without Doppler lies in the samples
-  double carrier_hz = 1.93125e9;          ///< which Doppler moves the code by
+  double carrier_hz = 1.93125e9;          ///< which Doppler moves the code by, at least 100 MHz
   double max_doppler_hz = 2000.0;         ///< Dopplers within +- this are searched
   double coherent_s = 5e-3;               ///< of one correlation, up to one code period
   std::size_t noncoherent = 4;            ///< correlations whose powers are added
@@ -50,9 +50,9 @@ struct Acquisition {
 /// each, with 1 - (1 - P_cell)^C at most (cpp/doc/cdma_tracking.md, eq. 1 ... 3). Noise is all power received.
 class PilotSearcher {
  public:
-  /// Throws std::invalid_argument naming the field: a rate below 1.2288 MHz, a block beyond a code period or under 64
-  /// chips, no block, a probability outside (0, 0.1], negative Dopplers or such that the code moves by more than half a
-  /// chip over the search. Allocates and plans.
+  /// Throws std::invalid_argument naming the field: a rate below 1.2288 MHz, a carrier below 100 MHz, a block beyond a
+  /// code period or under 64 chips, no block, a probability outside (0, 0.1], negative Dopplers or such that the code
+  /// moves by more than half a chip over the search. Allocates and plans.
   explicit PilotSearcher(const AcquisitionOptions& options);
   ~PilotSearcher();
   PilotSearcher(PilotSearcher&&) noexcept;
@@ -73,10 +73,5 @@ class PilotSearcher {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// x with P(Gamma(shape, 1) > x) = `probability`, and the probability itself, both exact for whole shapes
-/// (Abramowitz and Stegun 6.5.13).
-[[nodiscard]] double gamma_tail(std::size_t shape, double x) noexcept;
-[[nodiscard]] double gamma_tail_threshold(std::size_t shape, double probability) noexcept;
 
 }  // namespace soopnav::cdma

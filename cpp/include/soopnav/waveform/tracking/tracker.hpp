@@ -16,7 +16,7 @@ namespace soopnav::tracking {
 struct Signal {
   std::vector<Cf32> chips{};  ///< one code period, real or complex, of unit power on average
   double chip_rate_hz = 0.0;  ///< > 0
-  double carrier_hz = 0.0;    ///< > 0
+  double carrier_hz = 0.0;    ///< at least the chip rate
   double symbol_s = 0.0;      ///< of the data's signs, a whole number of code periods; 0: none, a pilot
   double code_slope = 1.0;    ///< of the correlation's fall per chip beside its peak, 1 for rectangular chips
 
@@ -31,7 +31,7 @@ struct TrackerOptions {
   double sample_rate_hz = 0.0;   ///< > 0, at least the chip rate
   double intermediate_hz = 0.0;  ///< where the carrier without Doppler lies in the samples
   double delay_s = 0.0;          ///< start: when the code (with data: a symbol, see `symbol_known`) begins
-  double doppler_hz = 0.0;       ///< start: positive when approaching
+  double doppler_hz = 0.0;       ///< start: positive when approaching; as all rates within 1 MHz, 0.9 % of the carrier
   double integration_s = 20e-3;  ///< coherent, settled; with data at most a symbol and a divisor of it
   double pll_bandwidth_hz = 10.0;
   int pll_order = 2;                 ///< 2 or 3
