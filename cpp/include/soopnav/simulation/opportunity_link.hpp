@@ -67,7 +67,8 @@ struct OpportunityLinkOptions {
 class OpportunityLink {
  public:
   /// Draws all clocks and solves all ranges. Throws std::invalid_argument naming the field that breaks its rule, also
-  /// when an orbit's samples do not cover the time. Allocates 16 bytes for each source and node.
+  /// when an orbit's samples do not cover the time, or a clock, drawn or given, moves a delay by half a node step or
+  /// more from one node to the next. Allocates 16 bytes for each source and node.
   OpportunityLink(std::vector<OpportunityBand> bands, std::vector<OpportunitySource> sources,
                   const OpportunityLinkOptions& options, const RandomStream& random);
 
