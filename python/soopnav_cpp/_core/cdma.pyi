@@ -8,13 +8,7 @@ import numpy
 import numpy.typing
 import typing
 
-__all__: list[str] = [
-    "PilotSearcher",
-    "baseband_filter",
-    "offset_candidates",
-    "pilot_code",
-    "synthesize",
-]
+__all__: list[str] = ["PilotSearcher", "baseband_filter", "offset_candidates", "pilot_code", "synthesize"]
 
 class PilotSearcher:
     """
