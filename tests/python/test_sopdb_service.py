@@ -551,3 +551,34 @@ def test_the_description_is_honest(shared: Api) -> None:
             for status, response in route["responses"].items():
                 if status[0] in "45":
                     assert response["content"]["application/json"]["schema"]["$ref"].endswith("/Refusal")
+
+
+def test_kept_answers_are_bounded_by_their_bytes() -> None:
+    bodies = answers_module.Bodies(most_bytes=10_000)
+    for i in range(50):
+        bodies.keep(i, answers_module.Answer(bytes(1500), str(i)))
+        assert bodies.size <= 10_000
+    assert [i for i in range(50) if bodies.get(i) is not None] == [46, 47, 48, 49]
+    bodies.keep(49, answers_module.Answer(bytes(100), "again"))
+    again = bodies.get(49)
+    assert again is not None
+    assert (again.etag, bodies.size) == ("again", 3 * 2500 + 1100)
+    bodies.keep("long", answers_module.Answer(bytes(10_000), "long"))
+    assert bodies.get("long") is None
+
+
+def test_a_page_of_many_times_keeps_no_more_than_its_bytes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[answers_module.Bodies] = []
+    make = answers_module.Bodies
+
+    def small() -> answers_module.Bodies:
+        kept.append(make(20_000))
+        return kept[-1]
+
+    monkeypatch.setattr(answers_module, "Bodies", small)
+    assert api.contribute(characterization()).status_code == 201
+    start = datetime.now(timezone.utc) + timedelta(hours=1)
+    for i in range(60):
+        at = (start + timedelta(seconds=i)).isoformat()
+        assert api.get("/v1/sources", params={"at": at}).status_code == 200
+    assert 0 < kept[-1].size <= 20_000

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import threading
 import time
 from collections.abc import Sequence
 from datetime import datetime, timezone
@@ -23,12 +24,13 @@ from soopnav_cpp.sopdb.schema import from_us
 from soopnav_cpp.sopdb.snapshot import encode, timeless
 from soopnav_cpp.sopdb.store import Search, Store
 
-__all__ = ["Answer", "Answers"]
+__all__ = ["Answer", "Answers", "Bodies"]
 
 _SECOND_US = 1_000_000
 _MINUTE_US = 60 * _SECOND_US
 _MOST_SOURCES = 20_000
-_MOST_BODIES = 2_000
+_MOST_BYTES = 64 * 2**20
+_OVERHEAD = 1_000  # of an entry beside its body: key, ETag, objects
 _TAU_S = np.logspace(-1.0, 4.0, 51)
 
 
@@ -39,13 +41,50 @@ class Answer(NamedTuple):
     etag: str
 
 
+class Bodies:
+    """Answers to be sent again, the oldest dropped beyond a number of bytes. Used by several threads at once.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Of all bodies together. One answer that is longer is not kept.
+    """
+
+    def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
+        self._most = most_bytes
+        self._lock = threading.Lock()
+        self._answers: dict[Any, Answer] = {}  # in the order they came
+        self.size = 0
+
+    def get(self, key: Any) -> Answer | None:
+        """The answer; None where none is kept."""
+        return self._answers.get(key)
+
+    def keep(self, key: Any, answer: Answer) -> None:
+        """Keep an answer; what came first goes first."""
+        length = _length(answer)
+        if length > self._most:
+            return
+        with self._lock:
+            if key in self._answers:
+                self.size -= _length(self._answers.pop(key))
+            self._answers[key] = answer
+            self.size += length
+            while self.size > self._most:
+                self.size -= _length(self._answers.pop(next(iter(self._answers))))
+
+
+def _length(answer: Answer) -> int:
+    return _OVERHEAD + len(answer.body)
+
+
 class _Kept:
     """What belongs to one version of the database. Written by several threads at once, each item in one step."""
 
     def __init__(self, changed: int, version: int) -> None:
         self.changed = changed
         self.version = version
-        self.bodies: dict[Any, Answer | None] = {}
+        self.bodies = Bodies()
         self.grants: dict[str, Grant | None] = {}
 
 
@@ -152,12 +191,14 @@ class Answers:
         """One source at a time; None when nothing that stands is known about it."""
         when, minute = self._times(at)
         bodies, key = self._kept.bodies, (source_id, when, at is None)
-        if key not in bodies:
+        answer = bodies.get(key)
+        if answer is None:
             found = self._sources([source_id])
-            answer = self._answer(self._source(found[0], when, zulu(when)), found, at, minute) if found else None
-            _keep(bodies, key, answer, _MOST_BODIES)
-            return answer
-        return bodies[key]
+            if not found:
+                return None
+            answer = self._answer(self._source(found[0], when, zulu(when)), found, at, minute)
+            bodies.keep(key, answer)
+        return answer
 
     def page(
         self, search: Search, after: tuple[float, int] | None, limit: int, at: datetime | None, cursor: Any
@@ -174,7 +215,7 @@ class Answers:
             listed = ",".join([self._source(one, when, text) for one in sources])
             said = f'{{"at":"{text}","sources":[{listed}],"next_cursor":{json.dumps(more)}}}'
             answer = self._answer(said, sources, at, minute + b"|" + (more or "").encode())
-            _keep(bodies, key, answer, _MOST_BODIES)
+            bodies.keep(key, answer)
         return answer
 
     def stability(self, source_id: int, at: datetime | None = None) -> Answer | None:
@@ -212,5 +253,5 @@ class Answers:
                     break
             body = encode(sources, created)
             answer = Answer(body, f'"{_digest(timeless(body))}"')
-            _keep(bodies, "snapshot", answer, _MOST_BODIES)
+            bodies.keep("snapshot", answer)
         return answer
