@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import shutil
 import sqlite3
 import sys
 import threading
-import types
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -23,9 +21,8 @@ import sqlalchemy
 from sopdb_bodies import characterization, clock, noise, position
 from sqlalchemy.orm import Session
 
-from soopnav_cpp import geometry
-from soopnav_cpp.sopdb import database, fusion, matching, records, schema, spatial
-from soopnav_cpp.sopdb.contributing import ConflictError, Contributor, Entries
+from soopnav_cpp.sopdb import database, fusion, matching, records, schema
+from soopnav_cpp.sopdb.contributing import ConflictError, Contributor
 from soopnav_cpp.sopdb.database import DatabaseUnavailableError
 from soopnav_cpp.sopdb.fusion import SourceState
 from soopnav_cpp.sopdb.records import Characterization
@@ -259,13 +256,6 @@ def test_a_second_name_is_remembered(lite: Store) -> None:
 
 
 @pytest.mark.unit
-def test_names_that_read_alike_are_one() -> None:
-    assert matching.name_key("ＰＮ　12") == matching.name_key(" pn 12") == "pn 12"
-    assert matching.name_key("Straße") == matching.name_key("STRASSE")
-    assert len(matching.name_key("ﷺ" * 100)) <= 400
-
-
-@pytest.mark.unit
 def test_names_are_data(store: Store) -> None:
     give(store, characterization("plain"))
     for name in ("'; DROP TABLE sources; --", '"', "%", "_", "\\", "Robert'); --", "\U0001f4e1" * 100):
@@ -318,41 +308,6 @@ def test_spatial_searches(atlas: Store) -> None:
     assert names(atlas, Search(box=Box(-90.0, -80.0, 0.0, 10.0))) == []
     assert names(atlas, Search(kind="gps")) == []
     assert len(names(atlas, Search(kind="cdma"))) == len(PLACES) + 1
-
-
-@pytest.mark.law
-def test_a_box_around_holds_all_within() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(300):
-        latitude = float(np.degrees(np.arcsin(rng.uniform(-1, 1)))) if rng.random() < 0.7 else rng.choice([-90.0, 90.0])
-        longitude, radius = float(rng.uniform(-180, 180)), float(10 ** rng.uniform(1, 7))
-        box = spatial.around(latitude, longitude, radius)
-        # Places on a circle of that distance and inside it, by directions from the middle on the sphere.
-        angle, heading = rng.uniform(0, 1, 40) * min(radius / 6.36e6, np.pi), rng.uniform(0, 2 * np.pi, 40)
-        up = np.array([np.cos(np.radians(latitude)), 0.0, np.sin(np.radians(latitude))])
-        north, east = np.array([-up[2], 0.0, up[0]]), np.array([0.0, 1.0, 0.0])
-        there = (
-            np.cos(angle)[:, None] * up
-            + (np.sin(angle) * np.cos(heading))[:, None] * north
-            + (np.sin(angle) * np.sin(heading))[:, None] * east
-        )
-        at = np.degrees(np.arcsin(np.clip(there[:, 2], -1, 1)))
-        lon = (longitude + np.degrees(np.arctan2(there[:, 1], there[:, 0])) + 180.0) % 360.0 - 180.0
-        near = spatial.distances_m(latitude, longitude, at, lon) <= radius
-        in_longitude = (
-            (lon >= box.west_deg) & (lon <= box.east_deg)
-            if box.west_deg <= box.east_deg
-            else (lon >= box.west_deg) | (lon <= box.east_deg)
-        )
-        inside = (at >= box.south_deg) & (at <= box.north_deg) & in_longitude
-        assert near.sum() > 5
-        assert np.all(inside[near]), (latitude, longitude, radius)
-
-
-@pytest.mark.crosscheck
-def test_distances_are_straight_lines() -> None:
-    found = spatial.distances_m(0.0, 0.0, np.array([0.0, 90.0, 0.0]), np.array([180.0, 0.0, 90.0]))
-    assert found == pytest.approx([2 * 6378137.0, np.hypot(6378137.0, 6356752.314245), np.sqrt(2) * 6378137.0])
 
 
 @pytest.mark.law
@@ -508,17 +463,6 @@ def test_a_write_taken_back_leaves_no_numbers(lite: Store) -> None:
 
 
 @pytest.mark.unit
-def test_parsed_contributions_are_of_their_row() -> None:
-    entries = Entries()
-    of = functools.partial(types.SimpleNamespace, id=1, token_id="ann", received_us=5)
-    one, other = (json.dumps(characterization(name)) for name in ("one", "other"))
-    first = entries.of(of(body=one, body_hash=b"1"))
-    assert entries.of(of(body=one, body_hash=b"1")) is first
-    assert entries.of(of(body=other, body_hash=b"2")).body.source.name == "other"
-    assert entries.of(of(body=other, body_hash=b"2", token_id="bob")).contributor == "bob"
-
-
-@pytest.mark.unit
 def test_a_job_taken_back_is_told(lite: Store) -> None:
     told: list[str] = []
     writer = Writer(lite.engine, undone=lambda: told.append("undone"))
@@ -606,46 +550,6 @@ def test_backup_is_a_database(lite: Store, tmp_path: Path) -> None:
         assert copy.counts() == lite.counts()
     with pytest.raises(ValueError, match="exists"):
         lite.backup(tmp_path / "copy.db")
-
-
-@pytest.mark.unit
-@pytest.mark.parametrize(
-    "given", ["sqlite://", "sqlite:///:memory:", "mysql://a@b/c", "postgres", "://", "sqlite:///a?mode=ro"]
-)
-def test_urls(given: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    if given == "postgres":  # a path
-        Store(given).close()
-        assert sqlite3.connect("postgres").execute("SELECT count(*) FROM sources").fetchone() == (0,)
-        return
-    with pytest.raises(ValueError, match="url"):
-        Store(given)
-
-
-@pytest.mark.unit
-def test_a_database_that_does_not_answer(tmp_path: Path) -> None:
-    with pytest.raises(DatabaseUnavailableError, match="does not answer"):
-        Store(f"sqlite:///{tmp_path / 'no' / 'folder.db'}")
-    (tmp_path / "text.db").write_text("no database, only text of some length" * 100)
-    with pytest.raises(DatabaseUnavailableError, match="does not answer"):
-        Store(str(tmp_path / "text.db"))
-    pytest.importorskip("psycopg")
-    with pytest.raises(DatabaseUnavailableError, match="does not answer"):
-        Store(f"postgresql://nobody:secret@/x?host={tmp_path}")
-
-
-@pytest.mark.unit
-def test_passwords_are_not_shown(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg")
-    with pytest.raises(DatabaseUnavailableError) as caught:
-        Store(f"postgresql://nobody:secret@/x?host={tmp_path}")
-    assert "secret" not in str(caught.value)
-
-
-@pytest.mark.unit
-def test_a_place_is_that_of_the_engine() -> None:
-    latitude, longitude = spatial.place(geometry.geodetic_to_ecef(0.3, -1.2, 50.0).tolist())
-    assert (latitude, longitude) == pytest.approx((np.degrees(0.3), np.degrees(-1.2)))
 
 
 @pytest.mark.unit
