@@ -183,6 +183,7 @@ def test_tokens_quarantine_and_backup(folder: Path, monkeypatch: pytest.MonkeyPa
         assert len(store.tokens()) == 2
 
 
+@pytest.mark.slow
 def test_behind_a_proxy(folder: Path) -> None:
     ((serve, _),) = commands("Over a network")
     here = serve.replace("/var/lib/sopdb", str(folder)).replace("/run/sopdb", str(folder))
@@ -196,6 +197,7 @@ def test_behind_a_proxy(folder: Path) -> None:
             assert client.get("/v1/sources").status_code == 401
 
 
+@pytest.mark.slow
 def test_moving_to_postgresql(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _, (copy, _), (serve, _) = commands("Moving to PostgreSQL")
     _, *dumps = commands("Backup and restore")

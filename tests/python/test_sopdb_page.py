@@ -224,6 +224,7 @@ def test_keyboard_alone_walks_to_a_plot_and_back(page: Page) -> None:
     assert page.complaints() == []
 
 
+@pytest.mark.slow
 def test_keyboard_on_the_map(page: Page) -> None:
     page.js("document.querySelector('#map svg').focus()")
     before = page.js("return document.querySelector('.marker').getAttribute('transform')")
@@ -242,6 +243,7 @@ def test_keyboard_on_the_map(page: Page) -> None:
     page.wait(lambda: "marker" in page.focused("getAttribute('class')"), "the focus back on the marker")
 
 
+@pytest.mark.slow
 def test_filters(page: Page) -> None:
     page.js("const s = document.querySelector('#filter-kind'); s.value = 'fm'; s.dispatchEvent(new Event('change'))")
     page.wait(lambda: {name[:2] for name in page.names()} == {"fm"}, "FM stations alone")
@@ -267,6 +269,7 @@ def test_filters(page: Page) -> None:
     page.wait_rows(50)
 
 
+@pytest.mark.slow
 def test_name_filter(page: Page) -> None:
     page.one("#filter-name").send_keys("CDMA 1", Keys.ENTER)
     page.wait(lambda: page.names() and all(name.startswith("cdma 1") for name in page.names()), "names with cdma 1")
@@ -275,6 +278,7 @@ def test_name_filter(page: Page) -> None:
     page.wait(lambda: "No source matches" in page.text("#empty"), "no wildcard")
 
 
+@pytest.mark.slow
 def test_area_of_the_map(page: Page) -> None:
     page.js("document.querySelector('#map svg').focus()")
     drawn = "return [...document.querySelectorAll('.marker')].map((m) => m.getAttribute('transform')).join()"
@@ -296,6 +300,7 @@ def test_area_of_the_map(page: Page) -> None:
     page.wait_rows(50)
 
 
+@pytest.mark.slow
 def test_sorting_and_paging(page: Page) -> None:
     first = set(page.names())
     page.click("#next")
@@ -338,6 +343,7 @@ def test_hostile_names_are_text(page: Page) -> None:
     assert page.complaints() == []
 
 
+@pytest.mark.slow
 def test_a_link_opens_a_source_and_a_bad_one_says_so(page: Page, service: Running) -> None:
     identity = page.js("return document.querySelector('#rows tr').dataset.id")
     page.open(f"{service.url}/#source/{identity}")
@@ -417,7 +423,7 @@ return bad;
 INTERACTIVE = {"button", "link", "textbox", "searchbox", "combobox", "spinbutton", "application", "image", "DateTime"}
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("theme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_contrast_labels_and_targets(page: Page, theme: str) -> None:
     page.js("document.documentElement.dataset.theme = arguments[0]", theme)
     page.one("#filter-near").send_keys("nowhere", Keys.ENTER)
@@ -436,6 +442,7 @@ def test_contrast_labels_and_targets(page: Page, theme: str) -> None:
     assert ("application", "Map of the sources") in roles
 
 
+@pytest.mark.slow
 def test_no_page_is_wider_than_its_window(page: Page) -> None:
     page.click("#rows button")
     page.wait(lambda: page.all("svg.allan"), "the plot")
@@ -459,6 +466,7 @@ def test_no_page_is_wider_than_its_window(page: Page) -> None:
     assert page.js("return document.documentElement.scrollWidth - window.innerWidth") <= 0
 
 
+@pytest.mark.slow
 def test_empty_database(driver: webdriver.Chrome, tmp_path: Path) -> None:
     page = Page(driver)
     with database(tmp_path, public_read=True) as running:
@@ -474,6 +482,7 @@ def enter_token(page: Page, text: str) -> None:
     page.one("#token-input").send_keys(text, Keys.ENTER)
 
 
+@pytest.mark.slow
 def test_tokens_quarantine_and_limits(driver: webdriver.Chrome, tmp_path: Path) -> None:
     page = Page(driver)
     with database(tmp_path) as running:
@@ -532,6 +541,7 @@ def test_tokens_quarantine_and_limits(driver: webdriver.Chrome, tmp_path: Path) 
         assert page.js("return sessionStorage.length") == 0
 
 
+@pytest.mark.slow
 def test_answers_that_go_wrong(driver: webdriver.Chrome, service: Running) -> None:
     """A proxy before the service: too many requests, a fault, no JSON, nothing at all."""
     import httpx

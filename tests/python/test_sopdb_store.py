@@ -480,11 +480,15 @@ def test_a_job_taken_back_is_told(lite: Store) -> None:
 
 @pytest.mark.unit
 def test_a_locked_database_is_waited_for_once_a_batch(lite: Store) -> None:
-    gate, tries = threading.Event(), []
+    gate, begun, tries = threading.Event(), threading.Event(), []
     writer = Writer(lite.engine)
-    first = writer.submit(lambda session: gate.wait(30.0))
-    while not first.running():
-        threading.Event().wait(0.001)
+
+    def wait(session: Session) -> bool:
+        begun.set()
+        return gate.wait(30.0)
+
+    first = writer.submit(wait)
+    assert begun.wait(30.0)  # its own transaction has begun
 
     def begin(connection: sqlalchemy.Connection) -> None:
         tries.append(1)
