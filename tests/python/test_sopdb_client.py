@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -12,25 +13,16 @@ import pytest
 
 httpx = pytest.importorskip("httpx")
 
+sys.path.insert(0, str(Path(__file__).parent / "support"))
+from sopdb_bodies import tower  # noqa: E402
+
 from soopnav_cpp.sopdb import snapshot  # noqa: E402
 from soopnav_cpp.sopdb.client import Client, ServiceError, UnreachableError  # noqa: E402
 from soopnav_cpp.sopdb.fusion import Entry, answer_quality, fuse  # noqa: E402
 from soopnav_cpp.sopdb.records import Characterization  # noqa: E402
 
 NOON = datetime(2026, 3, 1, 12, tzinfo=timezone.utc)
-BODY: dict[str, Any] = {
-    "source": {"kind": "cdma", "name": "PN 168", "carrier_hz": 881.52e6},
-    "position": {"p_e_m": [6378137.0, 10.0, 20.0], "covariance_m2": [[4, 1, 0], [1, 9, 0], [0, 0, 1]]},
-    "clock": {
-        "epoch": "2026-03-01T12:00:00Z",
-        "bias_s": 1e-7,
-        "drift": -1e-10,
-        "covariance": [[1e-18, 1e-22], [1e-22, 1e-22]],
-    },
-    "noise": {"h0_s": 1e-23, "h_minus2_per_s": 1e-25, "ln_covariance": [[0.02, 0], [0, 0.2]]},
-    "provenance": {"receiver": "roof", "software": "soopnav", "method": "innovation_likelihood", "independent": True},
-    "quality": {"duration_s": 240, "cn0_dbhz": 55, "nis": None},
-}
+BODY = tower("2026-03-01T12:00:00Z")
 ENTRY = Entry("7", "a", NOON, Characterization.model_validate(BODY))
 SOURCE = {
     "id": "7", "kind": "cdma", "name": "PN 168", "carrier_hz": 881.52e6,

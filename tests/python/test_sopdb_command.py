@@ -18,23 +18,14 @@ from click.testing import CliRunner, Result
 for _module in ("httpx", "fastapi", "uvicorn", "sqlalchemy", "alembic"):
     pytest.importorskip(_module)
 
+sys.path.insert(0, str(Path(__file__).parent / "support"))
+from sopdb_bodies import tower  # noqa: E402
+
 from soopnav_cpp.cli.app import cli  # noqa: E402
 from soopnav_cpp.experiments import pesyna_database  # noqa: E402
 from soopnav_cpp.sopdb.client import Client, ServiceError  # noqa: E402
 
-BODY: dict[str, Any] = {
-    "source": {"kind": "cdma", "name": "PN 168", "carrier_hz": 881.52e6},
-    "position": {"p_e_m": [6378137.0, 10.0, 20.0], "covariance_m2": [[4, 1, 0], [1, 9, 0], [0, 0, 1]]},
-    "clock": {
-        "epoch": "2026-01-01T12:00:00Z",
-        "bias_s": 1e-7,
-        "drift": -1e-10,
-        "covariance": [[1e-18, 1e-22], [1e-22, 1e-22]],
-    },
-    "noise": {"h0_s": 1e-23, "h_minus2_per_s": 1e-25, "ln_covariance": [[0.02, 0], [0, 0.2]]},
-    "provenance": {"receiver": "roof", "software": "soopnav", "method": "innovation_likelihood", "independent": True},
-    "quality": {"duration_s": 240, "cn0_dbhz": 55, "nis": None},
-}
+BODY = tower("2026-01-01T12:00:00Z")
 AT = "2026-01-01T13:00:00Z"
 NOWHERE = "http://127.0.0.1:9"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import struct
+import sys
 import zlib
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -16,6 +17,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+sys.path.insert(0, str(Path(__file__).parent / "support"))
+from sopdb_bodies import tower
+
 from soopnav_cpp import navigation
 from soopnav_cpp.clock import TwoState
 from soopnav_cpp.sopdb import records, snapshot
@@ -23,19 +27,7 @@ from soopnav_cpp.sopdb.fusion import Entry, answer_quality, fuse
 from soopnav_cpp.sopdb.records import Characterization
 
 NOON = datetime(2026, 3, 1, 12, tzinfo=timezone.utc)
-BODY: dict[str, Any] = {
-    "source": {"kind": "cdma", "name": "PN 168", "carrier_hz": 881.52e6},
-    "position": {"p_e_m": [6378137.0, 10.0, 20.0], "covariance_m2": [[4, 1, 0], [1, 9, 0], [0, 0, 1]]},
-    "clock": {
-        "epoch": "2026-03-01T12:00:00Z",
-        "bias_s": 1e-7,
-        "drift": -1e-10,
-        "covariance": [[1e-18, 1e-22], [1e-22, 1e-22]],
-    },
-    "noise": {"h0_s": 1e-23, "h_minus2_per_s": 1e-25, "ln_covariance": [[0.02, 0], [0, 0.2]]},
-    "provenance": {"receiver": "roof", "software": "soopnav", "method": "innovation_likelihood", "independent": True},
-    "quality": {"duration_s": 240, "cn0_dbhz": 55, "nis": None},
-}
+BODY = tower("2026-03-01T12:00:00Z")
 
 
 def changed(path: str, value: Any) -> dict[str, Any]:

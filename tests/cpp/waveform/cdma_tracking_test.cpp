@@ -430,7 +430,7 @@ TEST(Tracker, NothingButNoiseNeverLocks) {
 }
 
 TEST(Tracker, NoHeapWhileItRuns) {
-  if (!test::kAllocationsCounted) GTEST_SKIP();
+  if (!test::kAllocationsCounted) GTEST_SKIP() << "allocations are not counted here";
   const std::vector<Cf32> samples = pilot_samples(0.5, 45.0);
   tracking::Tracker tracker(tracking::Signal::cdma_pilot(kCarrierHz, 3), pilot_options());
   std::size_t count = 0;

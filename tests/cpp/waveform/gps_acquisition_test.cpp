@@ -227,7 +227,7 @@ TEST(Detection, KnownValuesAndRanges) {
 }
 
 TEST(GpsNoAllocation, SearchesAndPushes) {
-  if (!::soopnav::test::kAllocationsCounted) GTEST_SKIP();
+  if (!::soopnav::test::kAllocationsCounted) GTEST_SKIP() << "allocations are not counted here";
   Acquirer acquirer({.coherent_ms = 2, .noncoherent = 2, .min_doppler_hz = 1000.0, .max_doppler_hz = 2000.0});
   AidedCorrelator correlator(9, {.block_s = 0.02, .max_blocks = 3});
   std::vector<Cf32> iq(correlator.block_samples());

@@ -59,3 +59,25 @@ def characterization(name: str = "PN 12", kind: str = "cdma", **given: Any) -> d
         "quality": {"duration_s": 240.0, "cn0_dbhz": 55.0, "nis": 1.02},
     }
     return body | given
+
+
+def tower(epoch: str) -> dict[str, Any]:
+    """A basestation of which everything is known, its clock at `epoch`."""
+    return {
+        "source": {"kind": "cdma", "name": "PN 168", "carrier_hz": 881.52e6},
+        "position": {"p_e_m": [6378137.0, 10.0, 20.0], "covariance_m2": [[4, 1, 0], [1, 9, 0], [0, 0, 1]]},
+        "clock": {
+            "epoch": epoch,
+            "bias_s": 1e-7,
+            "drift": -1e-10,
+            "covariance": [[1e-18, 1e-22], [1e-22, 1e-22]],
+        },
+        "noise": {"h0_s": 1e-23, "h_minus2_per_s": 1e-25, "ln_covariance": [[0.02, 0], [0, 0.2]]},
+        "provenance": {
+            "receiver": "roof",
+            "software": "soopnav",
+            "method": "innovation_likelihood",
+            "independent": True,
+        },
+        "quality": {"duration_s": 240, "cn0_dbhz": 55, "nis": None},
+    }
